@@ -16,14 +16,14 @@ from .checks.against_cell import compare_temperatures, compare_with_cell
 from .checks.roles import Kind, require_load
 from .checks.sampling import OF_R0
 from .errors import InputError, printable
-from .model.window import Window, first_sample, group_tests, scored_samples, temperature_of
+from .model.window import Windows, first_sample, group_tests, scored_samples, temperature_of
 from .notices import Notice, raise_first_error
 from .records import Record, Source, read_record, read_source, source_from_frame
 from .records.fingerprint import Content
 from .records.hold import sampled
 from .records.logger import loggers_of
 from .records.source import STDIN, STDIN_NAME
-from .settings import CellSettings, Reading, Windows
+from .settings import CellSettings, Reading, Window
 
 # A file or what was read of one, a `Record`, or a data frame.
 Given = Any

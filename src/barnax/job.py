@@ -17,7 +17,7 @@ from .display import brief
 from .errors import InputError, require_number
 from .inputs import Given, Watch, unwatched
 from .model.search_space import Range
-from .model.window import Window
+from .model.window import Window, Windows
 from .optimizers import OPTIMIZERS
 from .over_soc.settings import TableSettings
 from .settings import (
@@ -27,7 +27,6 @@ from .settings import (
     Scope,
     Settings,
     TableOptions,
-    Windows,
     choices_in,
     explained,
 )

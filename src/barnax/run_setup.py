@@ -3,6 +3,7 @@ chosen on them, and without an OCV test the cell that the records themselves sho
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 from .blas import one_blas_thread
@@ -164,11 +165,10 @@ def set_up(first: Problem, inputs: Inputs, windows: Mapping[str, Window], job: J
     tables = bounded_tables(job, but="[F]" if job.over is None else None)
     inputs, own = replace(inputs, cell=first.cell), inputs.fitted_ocv
 
-    def validation(circuit: str) -> list[PreparedRecord]:
-        return [
-            prepare_record(record, first.cell, circuit, windows[record.name])
-            for record in inputs.validation
-        ]
+    def prepared(records: Iterable[Record], circuit: str) -> list[PreparedRecord]:
+        return [prepare_record(one, first.cell, circuit, windows[one.name]) for one in records]
+
+    validation = partial(prepared, inputs.validation)
 
     # A validation record that does not fit its window is refused before the search, not after.
     _ = validation(first.circuit)
@@ -182,10 +182,7 @@ def set_up(first: Problem, inputs: Inputs, windows: Mapping[str, Window], job: J
 
     def prepare(circuit: str) -> Sequence[PreparedRecord]:
         if not get_circuit(circuit).has_hysteresis:
-            return [
-                prepare_record(one.record, first.cell, circuit, windows[one.record.name])
-                for one in first.prepared_records
-            ]
+            return prepared([one.record for one in first.prepared_records], circuit)
         if first.circuit == circuit:
             return first.prepared_records
         made = problem_of(inputs, windows, job.changed(bounds=None, fix=None), circuit)
@@ -194,14 +191,14 @@ def set_up(first: Problem, inputs: Inputs, windows: Mapping[str, Window], job: J
     choice = choose(prepare, tables, limits)
     chosen = _registered(choice.chosen, tables)
     problem, point = first, chosen.point
-    prepared = chosen.objective.prepared_records
+    registered = chosen.objective.prepared_records
     if point.is_constant and point.circuit != first.circuit:
         # As fast as it was when it was chosen.
         is_free = point.has_rate and RATE not in (job.fix or {})
         rate = {RATE: chosen.objective.ranges[RATE]} if is_free else None
         made = problem_of(inputs, windows, job, point.circuit, rate)
         problem = with_better_directions(made)
-    problem = _on_windows(problem, prepared)
+    problem = _on_windows(problem, registered)
     return Setup(problem, validation, chosen.objective.settings, chosen, choice.tried)
 
 

@@ -376,10 +376,6 @@ class Window:
         )
 
 
-# One for all records, or by the names of records, with "" for the others.
-Windows = Window | Mapping[str, Window] | None
-
-
 def choices_in(hint: Any) -> tuple[str, ...]:
     """The values that a type names.
 

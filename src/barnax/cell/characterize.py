@@ -139,12 +139,7 @@ def cell_of(
     if gaps_v and (mean_v := float(np.mean(gaps_v))) < _LEAST_GAP_V:
         both = _sources([*points[CHARGE], *points[DISCHARGE]])
         warnings.append(Notice("ocv-test.exchanged", {"below_v": -mean_v}, both))
-    return CellModel(
-        capacity_ah=capacity.value_ah,
-        capacity_origin=capacity.origin,
-        warnings=tuple(warnings),
-        **fitted,
-    )
+    return CellModel(capacity.value_ah, capacity.origin, warnings=tuple(warnings), **fitted)
 
 
 def without_drop(cell: CellModel, resistance_ohm: float) -> CellModel:

@@ -61,12 +61,8 @@ class Circuit:
     def beside(self, *elements: str) -> "Circuit":
         """The same with further elements, `so-rc` with diffusion being `so-rc+diffusion`."""
         described = ", ".join(get_element(name).description for name in elements)
-        return replace(
-            self,
-            name="+".join((self.name, *elements)),
-            description=f"{self.description}, and {described}",
-            elements=(*self.elements, *elements),
-        )
+        name, words = "+".join((self.name, *elements)), f"{self.description}, and {described}"
+        return replace(self, name=name, description=words, elements=(*self.elements, *elements))
 
     @property
     def has_hysteresis(self) -> bool:

@@ -329,11 +329,8 @@ def read_ocv_table(source: str | Path | Source) -> OcvTable:
     lines = lines.having(
         **{name: of_one_cell(voltage_v, source.series) for name, voltage_v in voltages.items()}
     )
-    warnings = [
-        Notice("ocv-table.volts", {"column": column.header}, source.name)
-        for column in columns.values()
-        if column.is_unit_assumed
-    ]
+    assumed = [column.header for column in columns.values() if column.is_unit_assumed]
+    warnings = [Notice("ocv-table.volts", {"column": name}, source.name) for name in assumed]
     scale = 1.0
     if np.nanmax(lines.values["SOC"], initial=0.0) > _PERCENT_FROM:
         scale = 0.01

@@ -127,12 +127,9 @@ def by_direction(sweeps: Sequence[Sweep]) -> dict[int, Sweep] | InputError:
                 )
             shift_ah = whole.discharged_ah[-1] - part.discharged_ah[0]
             moved_ah = tuple(at_ah + shift_ah for at_ah in part.discharged_ah[1:])
-            joined[direction] = replace(
-                whole,
-                end_ah=part.end_ah + shift_ah,
-                discharged_ah=whole.discharged_ah + moved_ah,
-                points=whole.points + part.points[1:],
-            )
+            at_ah, points = whole.discharged_ah + moved_ah, whole.points + part.points[1:]
+            end_ah = part.end_ah + shift_ah
+            joined[direction] = replace(whole, end_ah=end_ah, discharged_ah=at_ah, points=points)
     return joined
 
 

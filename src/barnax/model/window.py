@@ -58,8 +58,12 @@ def temperature_of(
     return float(np.median(known)) if len(known) else degc_in_name(record.name)
 
 
+# One for all records, or by the names of records, with "" for the others.
+Windows = Window | Mapping[str, Window] | None
+
+
 def group_tests(
-    tests: Sequence[Record | OcvTable], window: Window | Mapping[str, Window] | None
+    tests: Sequence[Record | OcvTable], window: Windows
 ) -> dict[float, list[Record | OcvTable]]:
     """OCV tests by temperature in degC; nothing where they are of one or of none that is known.
 

@@ -7,9 +7,9 @@ from typing import Any
 
 from ..errors import InputError
 from ..inputs import Given, Watch, listed, unwatched, windows_by_name
-from ..model.window import Window
+from ..model.window import Window, Windows
 from ..notices import Notice
-from ..settings import OVER_TEMPERATURE, Reading, Windows
+from ..settings import OVER_TEMPERATURE, Reading
 from .document import Plan
 from .draft import Draft, another_cell, copies_of, named_degc, of_other_cells, why_useless, words_of
 from .looking import CandidateFile, Files, by_temperature, files_of, is_same_degc, look, split

@@ -15,12 +15,12 @@ from ..display import Brief
 from ..errors import InputError, as_keys, printable, toml_reason
 from ..inputs import file_names, window_of, windows_by_name
 from ..job import OPTIONS, PLANNED, Job
-from ..model.window import START, merged
+from ..model.window import START, Windows, merged
 from ..notices import Notice
 from ..records import Hold, Source
 from ..records.source import find_planned
 from ..result_parts import PlannedFile, Use
-from ..settings import WINDOW_OPTIONS, Window, Windows, choices_in
+from ..settings import WINDOW_OPTIONS, Window, choices_in
 
 ROLES: tuple[Use, ...] = get_args(Use)
 # Those with a window.
@@ -287,10 +287,7 @@ def plan_from_toml(path: str | Path) -> Plan:
     parts = tuple(_part(shown, entry, window) for entry in listed)
     if not any(part.role == "identification" for part in parts):
         raise InputError(f"{shown}: no file has the role identification; give one file that role")
-    reasons = {
-        **dict.fromkeys(options, GIVEN),
-        **_read(shown, reasons, dict.fromkeys(options, str)),
-    }
+    reasons = dict.fromkeys(options, GIVEN) | _read(shown, reasons, dict.fromkeys(options, str))
     parts, taken = _named(parts, path.parent)
     return Plan(command, parts, options, reasons, window=window, warnings=(*warnings, *taken))
 

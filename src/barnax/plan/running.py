@@ -84,14 +84,10 @@ def with_choices(found: Plan, job: Job) -> Plan:
 def found_anywhere(found: Plan, inputs: Sequence[InputPart]) -> Plan:
     """A plan that was run on these inputs, with its files by their whole paths and digests."""
     known = {part.name: part.sha256 for part in inputs}
-    parts = (
-        replace(
-            part,
-            path=part.path if part.path == STDIN else part.path.absolute(),
-            sha256=known.get(part.name, part.sha256),
-        )
-        for part in found.parts
-    )
+    parts = []
+    for part in found.parts:
+        path = part.path if part.path == STDIN else part.path.absolute()
+        parts.append(replace(part, path=path, sha256=known.get(part.name, part.sha256)))
     options = dict(found.options)
     if isinstance(bounds := options.get("bounds"), str | Path):
         options["bounds"] = Path(bounds).absolute()

@@ -63,9 +63,13 @@ def spelled(parameter):
     return [*parameter.opts, *parameter.secondary_opts]
 
 
+@pytest.fixture(scope="module")
+def commands():
+    return get_command(app).commands
+
+
 @pytest.mark.parametrize("name", ALL_PAGES)
-def test_a_page_names_only_commands_and_options_that_exist(name):
-    commands = get_command(app).commands
+def test_a_page_names_only_commands_and_options_that_exist(name, commands):
     blocks = "\n".join(re.findall(r"^```sh\n(.*?)^```", ALL_PAGES[name], re.M | re.S))
     for command, words in re.findall(r"^barnax (\w+) ?((?:.*\\\n)*.*)$", blocks, re.M):
         options = {option for p in commands[command].params for option in spelled(p)}

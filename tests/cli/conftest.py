@@ -6,11 +6,13 @@ import io
 import signal
 import sys
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
 import pytest
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from typer.main import get_command
 
 from barnax.__main__ import SIGNALS, main
 from barnax.bundled import BUNDLED
@@ -31,6 +33,8 @@ class Outcome(NamedTuple):
 
 
 Run = Callable[..., Outcome]
+# Typer makes the whole tree of commands anew for each run, which takes longer than many a run.
+tree_of = cache(get_command)
 
 
 def run_command(*words: object) -> Outcome:
@@ -46,6 +50,7 @@ def run_command(*words: object) -> Outcome:
             pytest.MonkeyPatch.context() as patch,
         ):
             patch.setattr(ConstrainedLayoutEngine, "execute", lambda *_: None)
+            patch.setattr("typer.main.get_command", tree_of)
             main()
         status = 0
     except SystemExit as end:

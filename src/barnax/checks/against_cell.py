@@ -159,11 +159,9 @@ def compare_resistances(records: Sequence[tuple[Record, float | None]]) -> list[
     """A notice of each record whose current steps show another resistance than those of most do,
     at about the same temperature and logged about as fast. Of two, the first one says it."""
     # Those of a charge are all at its ends, where the resistance is another.
-    known = [
-        (ohm, record, degc)
-        for record, degc in records
-        if (ohm := record_resistance_ohm(record)) and _is_loaded(record)
-    ]
+    loaded = [(record, degc) for record, degc in records if _is_loaded(record)]
+    shown = [(record_resistance_ohm(record), record, degc) for record, degc in loaded]
+    known = [one for one in shown if one[0]]
     found: list[Notice] = []
     for own_ohm, record, degc in known:
         fast_s = float(np.median(record.interval_s))

@@ -127,12 +127,9 @@ def _spikes(given: CheckInput, values: Channel, other: Channel, after: int) -> F
         below = beside.min(axis=1) - inside.max(axis=1)
         height = np.maximum(above, below)
         meanwhile = other[window[:, _BESIDE - 1 : _BESIDE + width + after]]
-        found = (
-            (height > least)
-            & (np.ptp(beside, axis=1) < _STEADY * height)
-            & (np.ptp(meanwhile, axis=1) < _EXPLAINED * height)
-        )
-        spiked[window[found, _BESIDE : _BESIDE + width]] = True
+        is_spike = (height > least) & (np.ptp(beside, axis=1) < _STEADY * height)
+        is_spike &= np.ptp(meanwhile, axis=1) < _EXPLAINED * height
+        spiked[window[is_spike, _BESIDE : _BESIDE + width]] = True
     return spiked
 
 

@@ -33,11 +33,9 @@ def find_counters(given: CheckInput) -> Iterator[Notice]:
     gains_ah = gain_ah(counters[0]), gain_ah(counters[1])
     if sum(gains_ah) > 0:
         yield from _against_integral(given, gains_ah)
-    begun_ah = {
-        name: counter[0]
-        for counter, name in zip(counters, ("in_ah", "out_ah"), strict=True)
-        if counter[0] > _BEGUN_SHARE * given.scale_ah
-    }
+    first_ah = {"in_ah": counters[0][0], "out_ah": counters[1][0]}
+    least_ah = _BEGUN_SHARE * given.scale_ah
+    begun_ah = {name: count_ah for name, count_ah in first_ah.items() if count_ah > least_ah}
     if begun_ah:
         began = "both" if len(begun_ah) > 1 else next(iter(begun_ah))
         clock_s = given.record.time_s[0]

@@ -134,11 +134,8 @@ def _not_there(header: Header, row: int) -> Iterator[Notice]:
         if column and header.named(quantity, column):
             code = "columns.unknown-unit"
             values = {"unit": unit, "column": column, "known": _symbols(quantity)}
-        values |= {
-            "quantity": name,
-            "taken": taken and taken.header,
-            "needed": "true" if is_missing else None,
-        }
+        needed = "true" if is_missing else None
+        values |= {"quantity": name, "taken": taken and taken.header, "needed": needed}
         yield Notice(code, values, row=row, rating="error" if is_missing else "warning")
 
 
@@ -227,11 +224,8 @@ def _missing_one(missing: _Missing) -> tuple[str, dict[str, Any]]:
         return "columns.missing-likely", {"likely": guess.header, "option": option, "names": names}
     is_out = ["discharge" in column.header.lower() for column in likely]
     is_pair = quantity.name == "current" and len(likely) == 2 and any(is_out) and not all(is_out)
-    values = {
-        "likely": _quoted([column.header for column in likely]) if likely else None,
-        "pair": "true" if is_pair else None,
-        "names": names,
-    }
+    quoted = _quoted([column.header for column in likely]) if likely else None
+    values = {"likely": quoted, "pair": "true" if is_pair else None, "names": names}
     return "columns.missing-ambiguous" if likely else "columns.missing", values
 
 

@@ -225,12 +225,9 @@ class Header:
         """
         columns: dict[str, Column] = {}
         plain = [_VARIABLE.sub("", re.sub("[<>]", "", name)) for name in self._normal]
+        cells = list(zip(range(len(plain)), self.names, plain, strict=True))
         for quantity in quantities:
-            candidates = [
-                match
-                for index, names in enumerate(zip(self.names, plain, strict=True))
-                if (match := _match(index, *names, quantity)) is not None
-            ]
+            candidates = [match for cell in cells if (match := _match(*cell, quantity))]
             if candidates:
                 best = min(candidates, key=lambda match: (match[0], match[1].is_unit_assumed))
                 columns[quantity.name] = best[1]

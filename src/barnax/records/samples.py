@@ -13,6 +13,8 @@ from .lag import whole_lag
 from .record import EARLIER_SHARE, Record
 from .table import Lines
 
+# The quantities that `Counters` takes, in its order.
+COUNTERS = ("charging capacity", "discharging capacity", "net capacity")
 # A current step changes by more than this share of the largest current; a current that stands
 # still by less than that share.
 STEP_SHARE, STEADY_SHARE = 0.1, 0.01
@@ -66,11 +68,7 @@ class Samples(Lines):
     @cached_property
     def counters(self) -> Counters:
         """The tester's own ampere-hours."""
-        return Counters(
-            self.values.get("charging capacity"),
-            self.values.get("discharging capacity"),
-            self.values.get("net capacity"),
-        )
+        return Counters(*(self.values.get(name) for name in COUNTERS))
 
     @property
     def dialect(self) -> Dialect:

@@ -17,9 +17,9 @@ from ..notices import Notice, Severity
 from .cell_values import DAY_S, is_clock
 from .columns import NAMES, Column
 from .quantities import CELL_RANGE_V, NEEDED, QUANTITY_OF
-from .samples import Samples
+from .samples import COUNTERS, Samples
 from .table import found_at
-from .witnesses import CERTAIN, CHARGE, COUNTERS, LEAST_A, Reading, Witness, witnesses_of
+from .witnesses import CERTAIN, CHARGE, LEAST_A, Reading, Witness, witnesses_of
 
 Channel = Float[np.ndarray, "samples"]
 

@@ -8,10 +8,9 @@ import numpy as np
 from .cell_values import FINEST_S, epoch_unit, is_clock, is_usual, numbers
 from .counters import gain_ah
 from .quantities import Unit
-from .samples import Samples, few
+from .samples import COUNTERS, Samples, few
 
 CHARGE = "charge"
-COUNTERS = ("charging capacity", "discharging capacity", "net capacity")
 # The weight from which a reading is certain.
 CERTAIN = 1.5
 

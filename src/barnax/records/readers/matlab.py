@@ -105,11 +105,8 @@ def _of_hdf5(content: bytes) -> Struct:
                 if name != "#refs#" and isinstance(found.get(name, getlink=True), h5py.HardLink)
             }
             held = [item for item in found.values() if isinstance(item, h5py.Dataset)]
-            if (
-                held
-                and all(h5py.check_ref_dtype(dataset.dtype) for dataset in held)
-                and not any("MATLAB_class" in dataset.attrs for dataset in held)
-            ):
+            are_links = held and all(h5py.check_ref_dtype(dataset.dtype) for dataset in held)
+            if are_links and not any("MATLAB_class" in dataset.attrs for dataset in held):
                 # An array of structures holds each field as an array.
                 return [
                     dict(zip(own, row, strict=True)) for row in zip(*own.values(), strict=False)

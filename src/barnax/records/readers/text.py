@@ -10,7 +10,7 @@ import itertools
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import partial
 
 import numpy as np
 import polars as pl
@@ -261,54 +261,34 @@ def _columns(text: bytes, above: int, header: Sequence[str], delimiter: str) -> 
     # delimiter: a line of our own is as wide as the header.
     wide = f"{delimiter * (len(header) - 1)}\n".encode() if len(header) > 1 else b'""\n'
     first = wide + text[start : _offset(text, _GUESSED_LINES, start)]
+    encoding = "utf8" if text.isascii() else "utf8-lossy"
+    parsed = partial(pl.read_csv, has_header=False, separator=delimiter, encoding=encoding)
+    of_any_width = partial(parsed, truncate_ragged_lines=True)
 
-    def parsed(content: bytes, schema: Schema, **options: Any) -> pl.DataFrame:
-        return pl.read_csv(
-            content,
-            has_header=False,
-            schema=dict(schema),
-            separator=delimiter,
-            encoding="utf8" if text.isascii() else "utf8-lossy",
-            quote_char='"',
-            **options,
-        )
-
-    def of_any_width(schema: Schema) -> list[pl.Series]:
+    def widened(schema: Schema) -> list[pl.Series]:
         content = b"".join([wide, memoryview(text)[start:]])
-        return parsed(content, schema, truncate_ragged_lines=True)[1:].get_columns()
+        return of_any_width(content, schema=schema)[1:].get_columns()
 
     with contextlib.suppress(pl.exceptions.PolarsError):
-        guessed = _guessed(first, names, delimiter)
+        types = of_any_width(first, new_columns=names, infer_schema_length=None).schema.items()
+        # Whole numbers may go on with a fraction.
+        guessed = {name: pl.Float64 if kind.is_numeric() else pl.String for name, kind in types}
         with contextlib.suppress(pl.exceptions.PolarsError):
             # Without a copy of the content, and nothing beyond the names.
-            frame = parsed(text, {name: guessed[name] for name in names[:-1]}, skip_lines=above)
+            schema = {name: guessed[name] for name in names[:-1]}
+            frame = parsed(text, schema=schema, skip_lines=above)
             beyond = pl.lit(None, pl.String).alias(names[-1])
             return frame.with_columns(beyond).get_columns()
-        return of_any_width(guessed)
+        return widened(guessed)
     # A word among the numbers, or a quote within a cell: as text, a message can quote it.
     try:
-        columns = of_any_width(dict.fromkeys(names, pl.String))
+        columns = widened(dict.fromkeys(names, pl.String))
     except pl.exceptions.PolarsError as error:
         raise InputError(
             f"cannot be split into columns at {delimiter!r}; export it as plain CSV without"
             " quotes inside cells."
         ) from error
     return [column.str.strip_chars().replace("", None) for column in columns]
-
-
-def _guessed(content: bytes, names: list[str], delimiter: str) -> Schema:
-    """The types of the columns by the first lines; whole numbers may go on with a fraction."""
-    frame = pl.read_csv(
-        content,
-        has_header=False,
-        new_columns=names,
-        separator=delimiter,
-        truncate_ragged_lines=True,
-        encoding="utf8-lossy",
-        infer_schema_length=None,
-    )
-    types = frame.schema.items()
-    return {name: pl.Float64 if dtype.is_numeric() else pl.String for name, dtype in types}
 
 
 def _kept(table: Table, is_left_out: Bool[np.ndarray, "lines"], lines: str) -> Table:

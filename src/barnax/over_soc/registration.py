@@ -30,7 +30,7 @@ from ..notices import Notice
 from ..records.record import in_means, runs
 from ..settings import Registration
 from ..uncertainty.noise import CONFIDENCE
-from .cross_validation import SocErrors, held_out
+from .cross_validation import held_out
 from .dependence import polished
 from .nuisances import estimate, of_starts, shared_offset
 from .objective import Solution, TableObjective
@@ -188,16 +188,14 @@ def register_alone(prepared: PreparedRecord, settings: TableSettings) -> Prepare
             return prepared
         before = held_out(*fitted(prepared, kept.log_scales, settings))
         after = held_out(*fitted(found, at, settings))
-        if before is not None and after is not None and _is_worse(after.errors, before.errors):
-            return prepared
+        if before is not None and after is not None:
+            one, other = after.errors, before.errors
+            # Of all samples, or of those above 10 % SOC.
+            if one.rmse_v > other.rmse_v or (one.above_v or 0.0) > (other.above_v or math.inf):
+                return prepared
         prior = furthest / FURTHEST
         errors = estimate(*fitted(found, at, plain), _of_starts, np.zeros(2), [prior])[0].errors
     return moved(best.x, *errors.tolist()) or found
-
-
-def _is_worse(one: SocErrors, other: SocErrors) -> bool:
-    """True where the errors of all samples, or those above 10 % SOC, are higher."""
-    return one.rmse_v > other.rmse_v or (one.above_v or 0.0) > (other.above_v or math.inf)
 
 
 def counted_alike(

@@ -84,9 +84,7 @@ class Choice:
 
 @in_float64
 def choose(
-    prepare: Callable[[str], Sequence[PreparedRecord]],
-    settings: TableSettings,
-    limits: Limits,
+    prepare: Callable[[str], Sequence[PreparedRecord]], settings: TableSettings, limits: Limits
 ) -> Choice:
     """The circuit that the records support: from the simplest one on, the rung that lowers the loss
     most, as long as the policy keeps one.

@@ -13,7 +13,7 @@ from ..errors import InputError
 from ..global_optimum.objective import ConstantObjective, Solution
 from ..model.descent import LogScales, polish
 from ..model.problem import Problem
-from .covariance import CONFIDENCE, Covariance, Linearization, linearize, named_values
+from .covariance import CONFIDENCE, Covariance, linearize, named_values
 
 # Values to either side of the parameter's own.
 POINTS = 7
@@ -85,7 +85,13 @@ def profile(
     scales = tuple(np.log([*parameters.tau_s, *rate]).tolist())
     ordered = problem.bounds.interchangeable_pairs
     ends, found = {}, dict[float, float]()
-    for side, end in zip((-1, 1), _reach(problem, linearization, direction), strict=True):
+    # What a quantity is made of may all move: C is largest where its tau is and its R is smallest.
+    box, free = problem.log_coordinates, list(linearization.free)
+    lower, upper = (np.asarray(end)[free] for end in (box.lower, box.upper))
+    to_lower, to_upper = linearization.logarithms - lower, upper - linearization.logarithms
+    downward = np.where(direction > 0, direction * to_lower, -direction * to_upper)
+    upward = np.where(direction > 0, direction * to_upper, -direction * to_lower)
+    for side, end in ((-1, float(downward.sum())), (1, float(upward.sum()))):
         first = np.unique(np.minimum(np.linspace(0.0, half_width, POINTS + 1), end))
         further = np.linspace(first[-1], end, POINTS + 1)[1:]
         start, root = scales, {0.0: 0.0}
@@ -116,21 +122,6 @@ def profile(
         low=low,
         high=high,
     )
-
-
-def _reach(
-    problem: Problem, linearization: Linearization, direction: Float[np.ndarray, "free"]
-) -> tuple[float, float]:
-    """The reach of the quantity's logarithm down and up inside the box.
-
-    What it is made of may all move: C is largest where its tau is and its R is smallest.
-    """
-    box, free = problem.log_coordinates, list(linearization.free)
-    lower, upper = (np.asarray(end)[free] for end in (box.lower, box.upper))
-    to_lower, to_upper = linearization.logarithms - lower, upper - linearization.logarithms
-    downward = np.where(direction > 0, direction * to_lower, -direction * to_upper)
-    upward = np.where(direction > 0, direction * to_upper, -direction * to_lower)
-    return float(downward.sum()), float(upward.sum())
 
 
 def _refitted(

@@ -94,6 +94,23 @@ def test_equivalent_full_cycles_count_what_passed():
     assert (known.cycles["C1"], known.cycles_known) == (5.0, False)
 
 
+def test_throughput_is_in_the_unit_of_its_name_and_what_is_none_is_refused():
+    passed = (pl.int_range(pl.len()) % 5 * 100.0).alias("ah_since_new")
+    frame = dataset(cells=3).with_columns(passed)
+    milli = frame.with_columns((1e3 * passed).alias("moved [mAh]"))
+    cycles = life_of(frame, throughput="ah_since_new").cycles
+    assert life_of(milli, throughput="moved [mAh]").cycles == cycles
+    # The last that is known counts.
+    told = pl.when(passed < 400).then(passed.cast(pl.String)).alias("ah")
+    cell = next(iter(cycles))
+    assert life_of(frame.with_columns(told), throughput="ah").cycles[cell] == 0.75 * cycles[cell]
+    with pytest.raises(InputError, match="`throughput` nothing: no such column; the dataset has"):
+        life_of(frame, throughput="nothing")
+    none = frame.with_columns(pl.lit("none").alias("ah"))
+    with pytest.raises(InputError, match=f"`throughput` ah: no row of {cell} has ampere-hours"):
+        life_of(none, throughput="ah")
+
+
 def test_capacities_without_a_rest_near_empty_assume_the_shape_of_the_ocv(life):
     assert any("in 9 rows; an electrode may lose" in line for line in life_lines(life))
     told = dataset(cells=3).with_columns(pl.lit(True).alias("aged capacity to empty"))

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from ..errors import InputError, listed
 from ..over_soc.ageing import CAPACITY, R0, SHIFT, R
 from ..over_soc.registration import REACH
-from .rows import ages_of, with_pooled_shapes
+from .rows import ages_of, ampere_hours, with_pooled_shapes
 from .trends import Judged, Series, judge
 
 QUANTITIES = (CAPACITY, R0, R, SHIFT)
@@ -161,6 +161,10 @@ def life_of(
     reference_degc = float(np.median(degc)) if has_degc else None
     warmer = (good["temperature [degC]"] - reference_degc) / 10 if has_degc else pl.lit(0.0)
     good = good.with_columns(_at=(pl.col("_age") - first) / span, _warmer=warmer)
+    passed_ah = good["_age"] if unit == "A.h" else None
+    if throughput is not None:
+        passed_ah = ampere_hours(good[_column(good, throughput, (), "throughput")], throughput)
+    good = good.with_columns(_passed=passed_ah)
     own = {name: good.filter(pl.col(names) == name) for name in cells}
     spans = [float(np.ptp(rows["_age"].to_numpy())) for rows in own.values()]
     nominal_ah = {name: float(rows["capacity [A.h]"][0]) for name, rows in own.items()}
@@ -178,18 +182,25 @@ def life_of(
     without_empty = len(told)
     if TO_EMPTY in told.columns:
         without_empty -= int(told[TO_EMPTY].cast(pl.Boolean).sum() or 0)
-    column = throughput or (ages if unit == "A.h" else None)
-    passed = {
-        name: float(rows[column][-1] if column else rows["record throughput [A.h]"].sum())
-        for name, rows in own.items()
-    }
+    passed = {name: float(rows["record throughput [A.h]"].sum()) for name, rows in own.items()}
+    if passed_ah is not None:
+        passed = {name: _last_passed_ah(rows, name, throughput) for name, rows in own.items()}
     return Life(
         unit, first, span, sum(spans) * years, false_alarms, cells, tuple(trends),
         tuple(sorted(faults, key=lambda fault: -abs(fault.deviations))), judged, reference_degc,
-        {name: ah / (2 * nominal_ah[name]) for name, ah in passed.items()}, column is not None,
+        {name: ah / (2 * nominal_ah[name]) for name, ah in passed.items()},
+        passed_ah is not None,
         tuple(zip(bad[names], bad["error"], strict=True)), len(rows),
         without_empty, without_age, tuple(twice["id"].cast(pl.String)),
     )  # fmt: skip
+
+
+def _last_passed_ah(rows: pl.DataFrame, cell: str, throughput: str | None) -> float:
+    """The ampere-hours since new that a cell's last row with any tells."""
+    known = rows["_passed"].drop_nulls().to_list()
+    if not known:
+        raise InputError(f"`throughput` {throughput}: no row of {cell} has ampere-hours there")
+    return float(known[-1])
 
 
 def _column(rows: pl.DataFrame, chosen: str | None, usual: Iterable[str], option: str) -> str:

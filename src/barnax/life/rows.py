@@ -86,10 +86,10 @@ def ages_of(column: pl.Series, name: str) -> tuple[Ages, str]:
     number = np.where(np.isfinite(number), number, np.nan)
     if np.isnan(number).all():
         raise InputError(f"`age` {name}: no row has a finite age; give the column that has them")
-    lower = name.lower()
-    for word, short, unit, factor in _UNITS:
-        if re.search(rf"{word}|(?<![a-z])({short})(?![a-z])", lower):
-            return factor * number, unit
+    lower, said = name.lower(), _unit_said(name)
+    if said is not None:
+        factor, unit = said
+        return factor * number, unit
     low, high = np.nanmin(number), np.nanmax(number)
     if _COMPACT[0] <= low and high <= _COMPACT[1]:
         texts = ["" if np.isnan(value) else f"{value:.0f}" for value in number]
@@ -111,6 +111,22 @@ def ages_of(column: pl.Series, name: str) -> tuple[Ages, str]:
     if lower.startswith("date") and _YEARS[0] <= low and high < _YEARS[1]:
         raise InputError(f"`age` {name}: {low:g} may be a year or a day; write it as 2024-01-15")
     return number, "day"
+
+
+def _unit_said(name: str) -> tuple[float, str] | None:
+    """The unit that a column's name says, in which ages are told, and how much of it that is."""
+    for word, short, unit, factor in _UNITS:
+        if re.search(rf"{word}|(?<![a-z])({short})(?![a-z])", name.lower()):
+            return factor, unit
+    return None
+
+
+def ampere_hours(column: pl.Series, name: str) -> pl.Series:
+    """The ampere-hours of every row, in the unit that the name says; null for what is none."""
+    factor, unit = _unit_said(name) or (1.0, "A.h")
+    number = column.cast(pl.Float64, strict=False)
+    number = number.set((~number.is_finite()).fill_null(False), None)
+    return factor * number if unit == "A.h" else number
 
 
 def _neither(text: str, row: int, name: str) -> InputError:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from threadpoolctl import ThreadpoolController
 
+from barnax import execution
 from barnax.blas import _take_control, one_blas_thread
 from barnax.execution import (
     compile_for,
@@ -51,6 +52,20 @@ def test_arguments_of_one_shape_are_traced_once():
         program = compile_for(doubled, values, False)
         np.testing.assert_array_equal(program(values, False), 2 * values)
     assert traces == [(3,)]
+
+
+def test_the_oldest_programs_are_let_go_and_made_again(monkeypatch):
+    monkeypatch.setattr(execution, "PROGRAMS_KEPT", 2)
+    monkeypatch.setattr(execution, "_programs", {})
+    monkeypatch.setattr(execution, "_making", {})
+    doubled, traces = counted()
+    for size in (1, 2, 3, 1):
+        values = jnp.arange(float(size))
+        np.testing.assert_array_equal(
+            compile_for(doubled, values, False)(values, False), 2 * values
+        )
+    assert traces == [(1,), (2,), (3,), (1,)]
+    assert len(execution._programs) == len(execution._making) == 2
 
 
 def test_another_shape_type_or_setting_is_another_program():

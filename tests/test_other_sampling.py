@@ -143,11 +143,12 @@ def test_intervals_reach_over_what_the_other_sampling_makes_of_their_values(monk
     monkeypatch.setattr(identification, "late_answers_ohm", lambda record: (0.06, 0.01, 0.0))
     monkeypatch.setattr(identification, "hold_warning", lambda *given: given)
     monkeypatch.setattr(identification, "bands_by_soc", lambda evaluations: ())
-    problem = SimpleNamespace(prepared_records=[prepared])
+    bounds = SimpleNamespace(ranges={})
+    problem = SimpleNamespace(prepared_records=[prepared], bounds=bounds)
     setup = SimpleNamespace(problem=problem, tables=TableSettings(nodes=NODES))
     evaluations = SimpleNamespace(identification=[SimpleNamespace(prepared=prepared)])
     warnings = []
-    tables = identification._assessed(setup, fits, evaluations, True, True, warnings)
+    tables = identification._assessed(setup, fits, evaluations, True, warnings)
     others = identification._others(problem, constant, other)
     # A shift of more than a twentieth is a warning besides.
     far = abs(change.r0_ohm) > 0.05 * R0

@@ -82,8 +82,7 @@ def search_and_assess(
         if trust != "none":
             assessment = _attempt("answer.no-intervals", warnings, assess, problem, parameters)
         if tables is not None and of_tables is not None:
-            is_open, is_assessed = other is not None, assessment is not None
-            tables = _assessed(setup, tables, of_tables, is_open, is_assessed, warnings)
+            tables = _assessed(setup, tables, of_tables, other is not None, warnings)
         if assessment is not None:
             uncertainty = assessment.uncertainty
             if other is not None and tables is None and R0 in uncertainty.beyond(other):
@@ -246,7 +245,6 @@ def _assessed(
     tables: TableFits,
     evaluations: Evaluations,
     is_open: bool,
-    is_assessed: bool,
     warnings: list[Notice],
 ) -> TableFits:
     """The tables with their errors by SOC, and with intervals that reach over what else R0 may be:
@@ -256,15 +254,15 @@ def _assessed(
     circuit, r0_ohm = tables.fits[0].tables, tables.mean_ohm(R0)
     ohm = {names.resistance: tables.mean_ohm(names.resistance) for names in circuit.names}
     other = resampling(records, circuit, ohm) if is_open else None
-    if is_assessed:
-        shifts_ohm = [late_ohm - r0_ohm for late_ohm in _late_ohm(setup.problem)]
-        shares = {R0: least_r0_share(records) - 1}
-        if other is not None:
-            shifts_ohm.append(other.most_ohm)
-            shares |= other.shares
-            if abs(other.r0_ohm) > FAR * r0_ohm:
-                warnings.append(hold_warning(setup.problem, r0_ohm, r0_ohm + other.r0_ohm))
-        tables = tables.spanning(shifts_ohm, shares)
+    shifts_ohm = [late_ohm - r0_ohm for late_ohm in _late_ohm(setup.problem)]
+    # Within bounds of R0 that somebody gave, nothing else is possible.
+    shares = {} if R0 in setup.tables.ranges else {R0: least_r0_share(records) - 1}
+    if other is not None:
+        shifts_ohm.append(other.most_ohm)
+        shares |= other.shares
+        if abs(other.r0_ohm) > FAR * r0_ohm:
+            warnings.append(hold_warning(setup.problem, r0_ohm, r0_ohm + other.r0_ohm))
+    tables = tables.spanning(shifts_ohm, shares)
     return replace(
         tables.spanning(means_shifts_ohm(records, circuit, ohm)),
         settings=setup.tables,
@@ -278,7 +276,9 @@ def _others(
 ) -> list[CircuitParameters]:
     """The constant circuits that are equally possible: with what comes late in R0, with a pair
     in it that the samples would not show, and with the other sampling."""
-    r0_ohm = [*_late_ohm(problem), least_r0_share(problem.prepared_records) * circuit.r0]
+    low_ohm, _ = problem.bounds.ranges.get(R0, (circuit.r0, circuit.r0))
+    least_ohm = max(least_r0_share(problem.prepared_records) * circuit.r0, low_ohm)
+    r0_ohm = [*_late_ohm(problem), min(least_ohm, circuit.r0)]
     possible = [circuit.with_tables({R0: [ohm]}) for ohm in r0_ohm]
     if other is None:
         return possible

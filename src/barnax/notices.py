@@ -104,7 +104,7 @@ class Notice:
         values: Numbers and names, units in the keys; what is None is no value of it.
         subject: The file, record or parameter that it is about.
         row: The source row of the first place it was seen, counted as `Record.row` counts.
-        rating: Its severity where that is not the usual one of its code.
+        rating: Its severity; where none is given, the usual one of its code.
         sheet: That row's sheet, where there are several.
 
     >>> close = Notice("repeats.close", {"samples": 3, "interval_s": 0.002}, "us06.csv", row=12)

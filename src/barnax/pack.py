@@ -17,7 +17,7 @@ from .inputs import how_read, listed, source_of
 from .job import Job, takes_options
 from .metrics import robust_deviations
 from .model.prepared import PreparedRecord
-from .model.sampling import resampling
+from .model.sampling import least_r0_share, resampling
 from .notices import Notice
 from .over_soc.fits import TableFits
 from .over_soc.pack import CAPACITY, LOADED, R0, SHIFT, TOTAL, PackFit, Value, fit_pack
@@ -167,18 +167,20 @@ def identify_pack(job: PackJob) -> Pack:
 
 
 def _spanning(fit: PackFit, prepared: PreparedRecord, tables: TableFits) -> PackFit:
-    """The fit with intervals that reach over what its resistances are with the other sampling of
-    the current, where that is open: as far for every cell as for the mean one."""
+    """The fit with intervals that reach over what its resistances may also be: with a pair in R0
+    that the samples would not show, and with the other sampling of the current, where that is
+    open, as far for every cell as for the mean one."""
     circuit = tables.fits[0].tables
     ohm = {names.resistance: tables.mean_ohm(names.resistance) for names in circuit.names}
+    shifts = {R0: [(least_r0_share([prepared]) - 1) * tables.mean_ohm(R0)]}
     other = resampling([prepared], circuit, ohm)
-    if other is None:
-        return fit
-    total_ohm = other.most_ohm + sum(share * ohm[name] for name, share in other.shares.items())
-    shifts = {R0: other.most_ohm, TOTAL: total_ohm, LOADED: -prepared.capacity_ah * total_ohm}
+    if other is not None:
+        total_ohm = other.most_ohm + sum(share * ohm[name] for name, share in other.shares.items())
+        shifts[R0].append(other.most_ohm)
+        shifts |= {TOTAL: [total_ohm], LOADED: [-prepared.capacity_ah * total_ohm]}
 
     def reaching(values: Mapping[str, Value]) -> dict[str, Value]:
-        return {name: value.spanning(shifts.get(name, 0.0)) for name, value in values.items()}
+        return {name: value.spanning(shifts.get(name, ())) for name, value in values.items()}
 
     return replace(
         fit, cells=tuple(replace(cell, values=reaching(cell.values)) for cell in fit.cells)

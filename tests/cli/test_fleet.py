@@ -48,6 +48,20 @@ def test_a_failure_names_its_file_and_the_manifests_columns(run, tmp_path):
     assert (dry.status, dry.out.count("initial_soc 95.0")) == (2, 1)
 
 
+def test_shards_and_the_whole_share_a_folder_of_kept_results(run, tmp_path, monkeypatch):
+    def row_of(cell, settings, folder):
+        (folder / "results" / cell.id).mkdir(parents=True, exist_ok=True)
+        return [{"id": cell.id, "error": "no"}]
+
+    monkeypatch.setattr("barnax.fleet.rows.identify_rows", row_of)
+    (tmp_path / "m.csv").write_text("id,records\na,nowhere.csv\nb,nowhere.csv\n")
+    words = ("fleet", tmp_path / "m.csv", "--out", tmp_path / "out", "--keep-results")
+    for shard in (("--shard", "1/2"), ("--shard", "2/2"), ("--shard", "2/2"), ()):
+        ended = run(*words, *shard)
+        assert ended.status == 0, ended.err
+    assert pl.read_parquet(tmp_path / "out" / "cells.parquet")["id"].sort().to_list() == ["a", "b"]
+
+
 @pytest.mark.parametrize(
     ("name", "options"),
     [

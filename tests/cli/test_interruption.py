@@ -48,15 +48,13 @@ def stopped(folder, moment, *words, number="SIGINT"):
     return subprocess.run(run, cwd=folder, capture_output=True, text=True, start_new_session=True)
 
 
-# A polite end from outside has the same handler as Ctrl-C. The moment that is reached first stands
-# for the others.
+# A polite end from outside has the same handler as Ctrl-C.
 @pytest.mark.parametrize(
     ("moment", "number"),
     [
         ("an extension of JAX is loaded", "SIGINT"),
-        ("an extension of JAX is loaded", "SIGTERM"),
         pytest.param("garbage is collected", "SIGINT", marks=pytest.mark.slow),
-        pytest.param("records are read", "SIGTERM", marks=pytest.mark.slow),
+        ("records are read", "SIGTERM"),
     ],
 )
 def test_an_interruption_is_one_line_and_writes_nothing(tmp_path, moment, number):

@@ -1,6 +1,7 @@
 """A small comparison on the bundled cell: its rows, its differences and its file."""
 
 import itertools
+import json
 from contextlib import contextmanager
 
 import numpy as np
@@ -11,6 +12,7 @@ from barnax.baselines import Budget
 from barnax.bundled import BUNDLED
 from barnax.comparison import ComparisonResult, compare, make_comparison_result
 from barnax.comparison.statistics import errors_by_soc
+from barnax.errors import InputError
 from barnax.model.window import Window
 from barnax.records import read_record
 from barnax.search.evaluate import validate
@@ -139,7 +141,24 @@ def test_bounds_go_to_the_models_that_have_the_parameter(bundled_record, bundled
 def test_the_file_gives_back_the_result_exactly(result, tmp_path):
     path = tmp_path / "comparison.json"
     path.write_text(result.to_json())
-    assert ComparisonResult.from_json(path).to_json() == result.to_json()
+    assert ComparisonResult.from_json(path) == result
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda stored: stored["rows"][0].update(answers=[]), "lacks answers"),
+        (lambda stored: stored["rows"][0].update(errors=[]), "errors on some record"),
+        (lambda stored: stored.update(models={}), "no box of"),
+    ],
+)
+def test_a_file_that_is_not_whole_is_refused(result, tmp_path, change, reason):
+    stored = json.loads(result.to_json())
+    change(stored)
+    path = tmp_path / "comparison.json"
+    path.write_text(json.dumps(stored))
+    with pytest.raises(InputError, match=reason):
+        ComparisonResult.from_json(path)
 
 
 def test_a_row_is_read_as_it_was_found(comparison, result, tmp_path):

@@ -109,7 +109,7 @@ def test_a_plan_is_taken_back_edited_or_not(folder, by_hand, tmp_path):
     path.unlink()
 
 
-def test_the_sampling_that_a_design_shows_is_of_its_own_record_alone(tmp_path):
+def test_the_sampling_that_a_design_shows_is_of_its_own_logger_alone(tmp_path):
     record, ocv = pulse_frame(), pulse_frame().rename({"Voltage / V": "Voltage [V]"})
     record.write_csv(tmp_path / "test.csv")
     ocv.write_csv(tmp_path / "ocv.csv")

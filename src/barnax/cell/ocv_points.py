@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -13,7 +13,8 @@ from jaxtyping import Float, Int
 from ..display import Brief
 from ..errors import InputError, counted
 from ..notices import Notice
-from ..records import Source, read_record, read_source
+from ..records import Hold, Source, read_record, read_source
+from ..records.dialects import Sign
 from ..records.quantities import CELL_RANGE_V
 from ..records.record import MINIMUM_REST_S, SETTLED_V, Record, Rest, Segments, is_long, runs
 from ..records.scale import of_one_cell
@@ -367,11 +368,18 @@ def _branch(file: str, lines: Lines, name: str, scale: float) -> tuple[OcvPoint,
     return tuple(points)
 
 
-def read_ocv_test(source: str | Path | Source, **how: Any) -> Record | OcvTable:
-    """The OCV test in a file: a table of OCV over SOC, else a record, with the options of
-    `read_record`."""
+def read_ocv_test(
+    source: str | Path | Source,
+    *,
+    current_sign: Sign | Literal["auto"] = "auto",
+    current_hold: Hold | Literal["auto"] = "auto",
+    voltage_lag: float | None = None,
+) -> Record | OcvTable:
+    """The OCV test in a file: a table of OCV over SOC, else a record."""
     if not isinstance(source, Source):
         source = read_source(source)
     if source.table.header.is_ocv_table:
         return read_ocv_table(source)
-    return read_record(source, **how)
+    return read_record(
+        source, current_sign=current_sign, current_hold=current_hold, voltage_lag=voltage_lag
+    )

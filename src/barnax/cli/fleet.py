@@ -164,12 +164,13 @@ def fleet(given: FleetOptions) -> None:
         if lines:
             raise InputError(f"{manifest}: {counted(len(lines), 'problem')} to correct")
         return
-    from ..fleet.dataset import FACTORS, RESULTS, dataset_path, parse_shard, parts_folder
+    from ..fleet.dataset import FACTORS, RESULTS, parse_shard
 
     require_platform()
     page = out / "report.html"
     kept = {RESULTS: given.keep_results, FACTORS: given.keep_factors}
-    if not (dataset_path(out).exists() or parts_folder(out).exists()):
+    # A shard's have its number in their names.
+    if not (any(out.glob("cells*.parquet")) or any(out.glob("parts*"))):
         for place in (page, *(out / name for name, is_kept in kept.items() if is_kept)):
             if place.exists():
                 raise InputError(f"{place}: is of no fleet; give `out` another folder")

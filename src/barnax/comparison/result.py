@@ -2,7 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, Self
+
+from pydantic import model_validator
 
 from ..baselines import Budget
 from ..cell import CellModel, OcvTable
@@ -66,6 +68,18 @@ class ComparisonResult(Document):
     inputs: tuple[InputPart, ...]
     warnings: tuple[Told, ...]
     versions: dict[str, str]
+
+    @model_validator(mode="after")
+    def _be_whole(self) -> Self:
+        for row in self.answered:
+            if not row.answers or len(row.errors) != len(self.answered[0].errors):
+                raise ValueError(f"{row.name} lacks answers, or errors on some record")
+        if unknown := {row.model for row in self.rows} - self.models.keys():
+            raise ValueError(f"there is no box of {', '.join(sorted(unknown))}")
+        return self
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, ComparisonResult) and self.to_json() == other.to_json()
 
     @property
     def answered(self) -> tuple[Row, ...]:

@@ -39,16 +39,16 @@ _UNITS = (
     ("kiloampere", r"ka\W?h", "A.h", 1e3),
     ("throughput", r"a\W?h", "A.h", 1.0),
     ("hour", "hr?s?", "day", 1 / 24),
-    ("minute", "min", "day", 1 / 1440),
-    ("second", "s|sec", "day", 1 / 86_400),
+    ("minute", "mins?", "day", 1 / 1440),
+    ("second", "s|secs?", "day", 1 / 86_400),
     ("day", "d", "day", 1.0),
-    ("week", "wk?", "week", 1.0),
-    ("month", "mo", "month", 1.0),
-    ("year", "yr?", "year", 1.0),
+    ("week", "w|wks?", "week", 1.0),
+    ("month", "mos?", "month", 1.0),
+    ("year", "y|yrs?", "year", 1.0),
 )
 # Without a unit, numbers so large are days such as 20240115, or seconds since 1970, thousandths of
 # them and so on; such a small one in a column of dates may be a year.
-_COMPACT, _EPOCH_S, _YEARS = (19_000_101, 22_001_231), (1e8, 4.2e9), (1900, 2200)
+_COMPACT, _EPOCH_S, _YEARS = (19_000_101, 22_001_231), (6.3e8, 4.2e9), (1900, 2200)
 # Days that spreadsheets count go to that of the year 2100.
 _LATEST_DAY = 73_051
 EVIDENCE = "aged log evidence by shape"
@@ -78,7 +78,9 @@ def ages_of(column: pl.Series, name: str) -> tuple[Ages, str]:
             number = pl.Series([_date(text, row, name) for row, text in enumerate(texts, 1)])
         column = number
     if column.dtype in (pl.Duration, pl.Time):
-        raise _neither(str(column.drop_nulls()[0]), 1, name)
+        for row in column.is_not_null().arg_true()[:1]:
+            raise _neither(str(column[row]), row + 1, name)
+        column = column.cast(pl.Int64)
     if column.dtype.is_temporal():
         days = column.cast(pl.Datetime("us")).cast(pl.Int64) / 86_400e6
         return (days - days.min()).cast(pl.Float64).to_numpy(), "day"  # pyrefly: ignore
@@ -103,10 +105,11 @@ def ages_of(column: pl.Series, name: str) -> tuple[Ages, str]:
             f"`age` {name}: row {row} is {number[row - 1]:.12g}, which is neither an age in days "
             "nor a date beside the others; write dates as 2024-01-15, and none as nothing"
         )
-    if unknown := re.search(r"[\[(]\s*([a-z]+)\s*[\])]$", lower):
+    unknown = re.search(r"[\[(]\s*([a-z]+)\s*[\])]$", lower)
+    if unknown and not lower.startswith("date"):
         raise InputError(
-            f"`age` {name}: {unknown[1]} is no unit of an age; there are h, d, weeks, months, "
-            "years, cycles and Ah"
+            f"`age` {name}: {unknown[1]} is no unit of an age; there are s, min, h, d, weeks, "
+            "months, years, cycles, mAh, Ah and kAh"
         )
     if lower.startswith("date") and _YEARS[0] <= low and high < _YEARS[1]:
         raise InputError(f"`age` {name}: {low:g} may be a year or a day; write it as 2024-01-15")

@@ -56,9 +56,11 @@ class Value:
         low = self.value - math.hypot(self.value - self.low, reach)
         return Value(self.value, low, self.value + math.hypot(self.high - self.value, reach))
 
-    def spanning(self, shift: float) -> "Value":
-        """The value with an interval that includes that of an equally possible one so far off."""
-        return Value(self.value, self.low + min(shift, 0.0), self.high + max(shift, 0.0))
+    def spanning(self, shifts: Sequence[float]) -> "Value":
+        """The value with an interval that includes those of equally possible ones so far off; what
+        is positive stays so."""
+        low = max(self.low + min([0.0, *shifts]), min(self.low, 0.0))
+        return Value(self.value, low, self.high + max([0.0, *shifts]))
 
 
 @dataclass(frozen=True, eq=False)

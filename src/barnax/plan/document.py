@@ -40,7 +40,8 @@ class Part:
     that holds several tests, on its own clock. `window` is that of a simulation, for identification
     and validation; `plans_soc` says that its SOC at the start is the plan's own, and not given.
     `source` is what was read of the file, if it was, and `sha256` the file's digest, if known.
-    `sampling` is the hold of its current that the steps of a designed test show.
+    `sampling` is the hold of its current that the steps of a designed test show; it is that of all
+    files with the same columns, as one logger's is.
     """
 
     path: Path

@@ -75,6 +75,8 @@ def _without_zeros(samples: Samples) -> Samples:
     if is_first or is_zero.mean() > _MOSTLY:
         return samples
     if np.any(np.diff(time[~is_zero]) < 0):
+        if samples.step is not None:
+            is_zero[1:] &= np.diff(samples.step) == 0
         is_zero = _within_steady_stamps(time, is_zero)
     if not is_zero.any():
         return samples

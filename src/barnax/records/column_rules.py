@@ -44,7 +44,7 @@ def examine_columns(table: Table, file: str) -> tuple[dict[str, Column], list[No
     if header.other_table and (is_mostly or not header.is_record):
         raise Notice("columns.no-record", {"table": header.other_table}, file).error(".")
     columns = dict(header.columns)
-    wrong = list(_not_there(header, table.names_row))
+    wrong = list(_not_there(header, table.names_row, file))
     if table.one_row_a:
         rows = {"table": f"a table of one row a {table.one_row_a}"}
         wrong.insert(0, Notice("columns.no-record", rows))
@@ -111,21 +111,23 @@ def _is_nameless(table: Table, is_like: bool) -> bool:
     return bool(share >= 0.5 or (not is_like and (share > 0 or is_bare)))
 
 
-def _not_there(header: Header, row: int) -> Iterator[Notice]:
+def _not_there(header: Header, row: int, file: str) -> Iterator[Notice]:
     """Warnings of given names that the table does not have, or has in several spellings. Raises
     InputError for one name that is given for several of the needed quantities."""
     needed = {name: own.header for name, own in header.given_columns.items() if name in NEEDED}
     for column, times in Counter(needed.values()).items():
         if times > 1:
             names = listed(name for name, own in needed.items() if own == column)
-            raise InputError(f"`columns`: '{column}' is given for {names}; name a column for each")
+            raise InputError(
+                f"{file}: `columns`: '{column}' is given for {names}; name a column for each."
+            )
     for name, wanted in header.given.items():
         if name in header.given_columns:
             fitting = header.fitting(wanted) or header.fitting(wanted.rpartition(":")[0])
             if len({header.names[index] for index in fitting}) > 1:
-                others = "several" if len(fitting) > 2 else None
-                values = {"columns": len(fitting), "name": wanted, "others": others}
-                yield Notice("columns.first-taken", values, row=row)
+                taken = header.given_columns[name].header
+                values = {"columns": len(fitting), "name": wanted, "taken": taken}
+                yield Notice("columns.fits-several", values, row=row)
             continue
         quantity, (column, _, unit) = QUANTITY_OF[name], wanted.rpartition(":")
         taken = header.columns.get(name)

@@ -15,7 +15,7 @@ from types import MappingProxyType
 
 from ..errors import InputError
 from .dialects import DIALECTS, OTHER_TABLES, PLAIN, Dialect
-from .quantities import OCV_QUANTITIES, QUANTITIES, QUANTITY_OF, Quantity, Unit
+from .quantities import NEEDED, OCV_QUANTITIES, QUANTITIES, QUANTITY_OF, Quantity, Unit
 
 # A unit stands behind a slash, # or comma, in brackets, or after a blank (machine names); Arbin
 # numbers its auxiliary channels behind the bracket.
@@ -193,7 +193,7 @@ class Header:
     def other_table(self) -> str | None:
         """The kind of a table that is known to be no record; None for any other."""
         # Beside samples, a frequency that is spelled out may be one of an impedance at one.
-        is_spelled = "frequency" in self._bare and not self.is_record
+        is_spelled = "frequency" in self._bare and len(self.columns.keys() & NEEDED) < 2
         if ("freq" in self._bare or is_spelled) and any(map(_IMPEDANCE.match, self._bare)):
             return "an impedance spectrum"
         kinds = OTHER_TABLES.items()

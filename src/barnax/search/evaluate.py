@@ -250,14 +250,19 @@ def nuisance_columns(
     prepared_records: Sequence[PreparedRecord],
 ) -> tuple[Float[np.ndarray, "scored nuisances"], Float[np.ndarray, "nuisances"]]:
     """The same of all that is given beside the voltages: the starts, the hysteresis voltage of the
-    OCV test at each of its knots where the current switches it, and lags that were found."""
+    OCV test at each of its knots where the current switches it, and lags, given or not."""
     by_start_v, shifts_sd = open_starts(prepared_records)
-    by_lag_v = block_diag(*(_by_lag_v(prepared)[:, None] for prepared in prepared_records))
-    by_hysteresis_v = np.concatenate([*map(_by_hysteresis_v, prepared_records)])
-    beside_v = np.hstack([by_hysteresis_v, by_lag_v]).astype(np.float32)
-    beside_v = beside_v[:, np.any(beside_v != 0, axis=0)]
-    shifts_sd = np.append(shifts_sd, np.zeros(beside_v.shape[1]))
-    return np.hstack([by_start_v, beside_v]), shifts_sd
+    columns = [by_start_v]
+    # A long record has no room for columns of nothing.
+    circuit = get_circuit(prepared_records[0].circuit)
+    if circuit.has_hysteresis and not circuit.has_rate:
+        by_hysteresis_v = np.concatenate([*map(_by_hysteresis_v, prepared_records)])
+        columns.append(by_hysteresis_v[:, np.any(by_hysteresis_v != 0, axis=0)])
+    if any(prepared.record.voltage_lag_s for prepared in prepared_records):
+        by_lag_v = block_diag(*(_by_lag_v(prepared)[:, None] for prepared in prepared_records))
+        columns.append(by_lag_v[:, np.any(by_lag_v != 0, axis=0)].astype(np.float32))
+    further = sum(column.shape[1] for column in columns[1:])
+    return np.hstack(columns), np.append(shifts_sd, np.zeros(further))
 
 
 def _by_hysteresis_v(prepared: PreparedRecord) -> Float[np.ndarray, "scored knots"]:
@@ -268,15 +273,14 @@ def _by_hysteresis_v(prepared: PreparedRecord) -> Float[np.ndarray, "scored knot
     """
     soc, direction = prepared.soc[prepared.scored], prepared.direction[prepared.scored]
     circuit = get_circuit(prepared.circuit)
-    if circuit.has_rate or not circuit.has_hysteresis:
-        return np.zeros((len(soc), len(KNOTS)))
     state = direction if circuit.turning is None else circuit.turning(soc, direction)
     sd_v = math.sqrt(np.mean(prepared.cell.hysteresis_v(soc) ** 2))
-    return -sd_v / 2 * (state - np.mean(state))[:, None] * hats(soc, KNOTS)
+    columns_v = -sd_v / 2 * (state - np.mean(state))[:, None] * hats(soc, KNOTS)
+    return columns_v.astype(np.float32)
 
 
 def _by_lag_v(prepared: PreparedRecord) -> Float[np.ndarray, "scored"]:
-    """What the errors are by a lag that was found, by way of what shows at once."""
+    """What the errors are by a lag, given or not, by way of what shows at once."""
     is_late = prepared.record.voltage_lag_s != 0.0
     moved_a = np.diff(prepared.current_a, prepend=prepared.current_a[:1])
     return LAG_SAMPLES * is_late * prepared.step_ohm * moved_a[prepared.scored]

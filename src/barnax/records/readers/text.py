@@ -150,9 +150,10 @@ def _layout(lines: list[str], given: Mapping[str, str]) -> _Layout:
             continue
         delimiter, header = _names(line, given)
         found = _Layout(above, header, delimiter)
-        if header.is_record or header.is_ocv_table or header.other_table:
+        if header.is_record or header.is_ocv_table:
             return found
-        named = len(header.columns.keys() & NEEDED)
+        # The names of a record may stand further below.
+        named = len(NEEDED) if header.other_table else len(header.columns.keys() & NEEDED)
         if fallback is None or named > most:
             fallback, most = found, max(named, most)
     first = next((line for line in lines if line.strip()), "")

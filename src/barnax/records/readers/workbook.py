@@ -122,7 +122,11 @@ def _chosen_sheets(headers: dict[str, Header]) -> list[str]:
             f"several sheets could be the record ({listed(whole)}); keep only one of them."
         )
     partial = [name for name, header in headers.items() if header.columns.keys() & NEEDED]
-    partial = partial or [name for name, header in headers.items() if len(header.names) > 1]
+    partial = partial or [
+        name
+        for name, header in headers.items()
+        if header.other_table or (len(header.names) > 1 and len(headers) == 1)
+    ]
     if len(partial) == 1:
         # The rules on columns say which of them is missing, or what table it is.
         return partial

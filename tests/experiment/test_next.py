@@ -162,7 +162,13 @@ def test_before_with_the_test_and_reached_are_one_quantity(design, result):
     told = design.model_copy(update={"printed": printed, "beyond": reaching.beyond})
     text = screen_of(design_screen(told))
     assert "Intervals:      the result's intervals of R0 " in text
-    assert "identify again with the right --current-hold" in text
+    assert "identify again with the right --current-hold." in text
+    hidden = told.model_copy(update={"beyond": ("pair",)})
+    text = screen_of(design_screen(hidden))
+    assert "they also reach down to a third of R0, for samples so far apart" in " ".join(
+        text.split()
+    )
+    assert "--current-hold" not in text
     assert "Intervals:" not in screen_of(design_screen(design))
 
 

@@ -95,7 +95,7 @@ def test_what_is_neither_or_may_be_either_is_refused(values, message):
 @pytest.mark.parametrize("name", ["age [m]", "age (ms)", "age [decade]"])
 def test_a_unit_that_is_not_known_is_not_taken_for_days(name):
     unit = name[5:-1]
-    with pytest.raises(InputError, match=f"{unit} is no unit of an age; there are h, d, weeks"):
+    with pytest.raises(InputError, match=f"{unit} is no unit of an age; there are s, min, h, d"):
         ages_of(pl.Series([0.0, 6.0, 12.0]), name)
 
 
@@ -128,3 +128,27 @@ def test_rows_of_one_age_have_no_trend():
     frame = dataset(cells=3)
     with pytest.raises(InputError, match="all rows are of one age"):
         life_of(frame.with_columns(pl.lit(3.0).alias("age")), age="age")
+
+
+@pytest.mark.parametrize(
+    ("name", "passed", "unit"),
+    [
+        ("age_yrs", 1.0, "year"),
+        ("Age (wks)", 1.0, "week"),
+        ("age [mins]", 1 / 1440, "day"),
+        ("date (utc)", 1.0, "day"),
+    ],
+)
+def test_an_abbreviation_in_the_plural_is_a_unit_and_a_zone_of_dates_is_none(name, passed, unit):
+    ages, told = ages_of(pl.Series([45306.0, 45307.0]), name)
+    assert (np.ptp(ages), told) == (pytest.approx(passed), unit)
+
+
+def test_dates_with_hours_in_one_number_are_no_stamps_and_a_span_names_its_row():
+    with pytest.raises(InputError, match="row 2 is 202402151230, which is neither"):
+        ages_of(pl.Series([202401151230, 202402151230]), "age")
+    spans = pl.Series([None, None, datetime.timedelta(days=3)])
+    with pytest.raises(InputError, match="row 3"):
+        ages_of(spans, "age")
+    with pytest.raises(InputError, match="no row has a finite age"):
+        ages_of(pl.Series([None], dtype=pl.Duration), "age")

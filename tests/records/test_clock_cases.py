@@ -5,6 +5,7 @@ import re
 
 import hypothesis
 import numpy as np
+import polars as pl
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -319,6 +320,21 @@ def test_single_zeros_of_a_clock_are_no_steps():
     kept_s, codes = time_of("timestamp", unix_s)
     assert (len(kept_s), kept_s[-1]) == (157, SECONDS[-1])
     assert "clock.zeros" in codes
+
+
+def test_a_zero_where_the_step_changes_begins_a_step():
+    """Between a step's first row and its next one, samples were not logged."""
+    shown_s = np.concatenate([[0, 10, 20], *2 * [[0, *range(40, 580, 10)]]]).astype(float)
+    step = np.repeat([1, 2, 3], [3, 55, 55])
+    current_a = np.where(step == 2, -1.0, 0.0)
+    table = {
+        "Step Time [s]": shown_s,
+        "Current [A]": current_a,
+        "Voltage [V]": 3.7 + current_a / 20,
+    }
+    record = barnax.record_from_frame(pl.DataFrame({**table, "Step Index / 1": step}))
+    assert record.samples == len(shown_s)
+    assert "clock.zeros" not in {one.code for one in record.warnings}
 
 
 def cases():

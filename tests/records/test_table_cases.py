@@ -449,3 +449,56 @@ def test_what_a_library_warns_of_is_told_once(tmp_path, monkeypatch, recwarn):
     says = "the library that reads this format warns: this version has not been verified"
     assert [says in str(one) for one in record.warnings] == [True]
     assert not recwarn.list
+
+
+SAMPLES = [f"{t},{a},{v}" for t, a, v in zip(TIMES, AMPS, VOLTS, strict=True)]
+
+
+@pytest.mark.parametrize(
+    "cycle", ["Cycle ID,Cap_Chg(mAh),Cap_DChg(mAh)", "Cycle-Index,CapC(mAh),CapD(mAh)"]
+)
+def test_the_records_of_a_nested_report_are_read_below_its_cycles_and_steps(tmp_path, cycle):
+    names = [cycle, ",Step ID,Step Name", ",,Record ID,Time(s),Current(A),Voltage(V)"]
+    rows = [f",,{k},{row}" for k, row in enumerate(SAMPLES, 1)]
+    path = tmp_path / "nested.csv"
+    path.write_text("\n".join([*names, "1,0,100", ",1,Rest", *rows]) + "\n")
+    require_the_record(read_record(path))
+
+
+def test_a_line_on_an_impedance_above_the_names_is_no_spectrum(tmp_path):
+    above = "Cell,A1\nImpedance [mOhm],0.52,Frequency [Hz],1000\n"
+    path = tmp_path / "above.csv"
+    path.write_text(above + "\n".join([f"{TIME},{CURRENT},{VOLTAGE}", *SAMPLES]) + "\n")
+    require_the_record(read_record(path))
+
+
+def test_a_voltage_of_another_name_beside_an_impedance_is_asked_for(tmp_path):
+    path = tmp_path / "named.csv"
+    rows = [f"{row},1000,20" for row in SAMPLES]
+    names = f"{TIME},{CURRENT},Zelle,Frequency [Hz],Impedance [mOhm]"
+    path.write_text("\n".join([names, *rows]) + "\n")
+    with pytest.raises(InputError, match="no column for the voltage"):
+        read_record(path)
+    require_the_record(read_record(path, columns="voltage=Zelle:V"))
+
+
+def test_a_page_of_names_beside_a_sheet_without_is_not_taken_for_the_record(tmp_path):
+    path = tmp_path / "cover.xlsx"
+    sheets = {"Info": [["Test", "Operator"], ["a", "b"]], "Data": [["x"], ["1"], ["2"]]}
+    path.write_bytes(workbook(sheets))
+    with pytest.raises(InputError, match="Sheets found: Info: Test, Operator; Data: x"):
+        read_record(path)
+
+
+def test_a_name_for_two_quantities_and_one_that_fits_two_columns_are_told(tmp_path):
+    path = tmp_path / "two.csv"
+    rows = [f"{t},{1000 * a},{a},{v}" for t, a, v in zip(TIMES, AMPS, VOLTS, strict=True)]
+    path.write_text("\n".join(["t [s],value [mA],value [A],U [V]", *rows]) + "\n")
+    with pytest.raises(InputError, match=r"two\.csv: `columns`: 'U .V.' is given for"):
+        read_record(path, columns="current=U [V],voltage=U [V]")
+    (fits,) = [
+        one
+        for one in read_record(path, columns="current=value:mA").warnings
+        if one.code == "columns.fits-several"
+    ]
+    assert fits.values["taken"] == "value [mA]"

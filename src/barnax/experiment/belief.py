@@ -19,6 +19,7 @@ from ..cell.soc_axis import CAPACITY_WARNING, GIVEN
 from ..cell.tables import LEAST_OHM
 from ..errors import InputError
 from ..model.prepared import PreparedRecord
+from ..model.sampling import least_r0_share
 from ..over_soc.fit import TableFit
 from ..over_soc.intervals import MAX_SLOTS, UNSEEN
 from ..over_soc.level import with_own_ocv
@@ -236,9 +237,10 @@ def believed_of_result(result: Result, temperature_degc: float | None = None) ->
     rates_c = (largest_c, largest_c / 2) if largest_c else believed.rates_c
     taus = tuple(bound for bound in result.at_bound if bound.name.startswith("tau"))
     is_open = result.tables is not None and result.tables.hold_shift_ohm is not None
+    is_hidden = bool(earlier) and least_r0_share([one.prepared for one in earlier]) < 1
     believed = replace(
         believed, rates_c=rates_c, untold=untold, told_soc=_told_soc(cell), at_bound=taus,
-        beyond=("hold",) * is_open,
+        beyond=("hold",) * is_open + ("pair",) * is_hidden,
     )  # fmt: skip
     is_own = any(part.start_source == "own span" for part in parts)
     return _started_by_voltage(believed) if cell.is_of_records and is_own else believed

@@ -228,7 +228,7 @@ def test_the_column_of_exactly_the_given_name_is_taken_before_one_spelled_nearly
     table = table.select(TIME, other, given, VOLTAGE)
     record = record_from_frame(table, columns=f"current={given}:A")
     np.testing.assert_allclose(record.current_a, -FRAME[CURRENT].to_numpy(), atol=1e-12)
-    assert not [one for one in record.warnings if one.code == "columns.first-taken"]
+    assert not [one for one in record.warnings if one.code == "columns.fits-several"]
 
 
 def test_a_given_name_that_two_columns_fit_as_well_takes_the_first_and_says_so():
@@ -236,8 +236,8 @@ def test_a_given_name_that_two_columns_fit_as_well_takes_the_first_and_says_so()
     table = FRAME.select(TIME, milli, pl.col(CURRENT).alias("value [A]"), VOLTAGE)
     record = record_from_frame(table, columns="current=value")
     np.testing.assert_allclose(record.current_a, -FRAME[CURRENT].to_numpy(), atol=1e-12)
-    (told_of,) = [one for one in record.warnings if one.code == "columns.first-taken"]
-    assert (told_of.values["name"], told_of.values["columns"]) == ("value", 2)
+    (told_of,) = [one for one in record.warnings if one.code == "columns.fits-several"]
+    assert told_of.values == {"name": "value", "columns": 2, "taken": "value [A]"}
 
 
 def test_one_column_given_for_two_quantities_is_refused():

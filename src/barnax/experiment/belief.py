@@ -191,8 +191,7 @@ def believed_of_result(result: Result, temperature_degc: float | None = None) ->
     """The cell of a result, with what its records tell at that temperature: nothing of intervals
     where none was measured.
 
-    Raises `InputError` where its answer has elements that are no RC pairs, or nothing that follows
-    the temperature that is asked for.
+    Raises `InputError` where its answer has elements that are no RC pairs, or not the temperature.
     """
     told, untold, parts = result.fit.intervals, "", result.of_role("identification")
     earlier = list[Evaluation]()
@@ -236,14 +235,14 @@ def believed_of_result(result: Result, temperature_degc: float | None = None) ->
     largest_c = max((part.peak_current_a or 0.0 for part in parts), default=0.0) / cell.capacity_ah
     rates_c = (largest_c, largest_c / 2) if largest_c else believed.rates_c
     taus = tuple(bound for bound in result.at_bound if bound.name.startswith("tau"))
+    used = [one.prepared for one in earlier]
     is_open = result.tables is not None and result.tables.hold_shift_ohm is not None
-    is_hidden = bool(earlier) and least_r0_share([one.prepared for one in earlier]) < 1
     believed = replace(
         believed, rates_c=rates_c, untold=untold, told_soc=_told_soc(cell), at_bound=taus,
-        beyond=("hold",) * is_open + ("pair",) * is_hidden,
+        beyond=("hold",) * is_open + ("pair",) * bool(used and least_r0_share(used) < 1),
     )  # fmt: skip
-    is_own = any(part.start_source == "own span" for part in parts)
-    return _started_by_voltage(believed) if cell.is_of_records and is_own else believed
+    is_own = cell.is_of_records and any(part.start_source == "own span" for part in parts)
+    return _started_by_voltage(believed) if is_own else believed
 
 
 def _told_soc(cell: CellModel) -> tuple[float, float]:

@@ -94,8 +94,7 @@ class Believed:
         earlier: Records that will be identified with the test's.
         known: Half the 95 % intervals that they left, relative or in V, as `told_half` has them.
         printed: The same as they are printed, which may reach over more.
-        beyond: What these reach over: "hold" for both samplings of the current,
-            "pair" for one that samples so far apart would hide in R0.
+        beyond: What these reach over: both samplings of the current ("hold"), a hidden "pair".
         follows: What the resistances follow beside SOC, which a design leaves out.
         ocv_reach_v: How far the OCV may be from the cell's.
         told_soc: From where to where the OCV is told.

@@ -237,7 +237,7 @@ def test_a_given_name_that_two_columns_fit_as_well_takes_the_first_and_says_so()
     record = record_from_frame(table, columns="current=value")
     np.testing.assert_allclose(record.current_a, -FRAME[CURRENT].to_numpy(), atol=1e-12)
     (told_of,) = [one for one in record.warnings if one.code == "columns.fits-several"]
-    assert told_of.values == {"name": "value", "columns": 2, "taken": "value [A]"}
+    assert told_of.values == {"name": "value", "columns": 2, "taken": "value [mA]"}
 
 
 def test_one_column_given_for_two_quantities_is_refused():

@@ -9,7 +9,6 @@ import jax
 import pytest
 import threadpoolctl
 
-from barnax import execution
 from barnax.bundled import BUNDLED
 from barnax.cell import CIRCUITS, ELEMENTS, CellModel, characterize
 from barnax.model.problem import Problem, make_problem
@@ -30,8 +29,6 @@ def pytest_configure() -> None:
     # JAX has read its settings already where it was imported before.
     jax.config.update("jax_compilation_cache_dir", os.environ["JAX_COMPILATION_CACHE_DIR"])
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
-    # A process of the suite has more programs than a user's, and files share them.
-    execution.PROGRAMS_KEPT = 1000
 
 
 @pytest.fixture(autouse=True)

@@ -15,8 +15,9 @@ from barnax.model.window import Window
 from barnax.pipeline import identify
 from barnax.plots import plot_soc_replay
 from barnax.replay import Scenario, SocReplay, replay_soc
-from barnax.reporting.records import soc_lines, soc_screen
+from barnax.reporting.records import soc_screen
 from barnax.reporting.terminal import to_terminal
+from barnax.reporting.wording import sentences
 from barnax.result_filter import FilterSettings
 from barnax.scenarios import converged
 from helpers.results import make_record, make_result, make_table_result
@@ -30,7 +31,7 @@ SCENARIOS = (
 
 def told_of(replay):
     """The lines of a screen by their heads."""
-    return dict(line.split(": ", 1) for line in soc_lines(replay))
+    return dict(line.split(": ", 1) for line in sentences("replay.verdict", replay))
 
 
 @pytest.fixture(scope="module")

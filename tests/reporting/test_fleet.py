@@ -1,25 +1,24 @@
 """The lines of a fleet: its progress and its end."""
 
-from pathlib import Path
-
 from barnax.fleet import FleetCell, Progress
-from barnax.reporting.fleet import closing_lines, problem_lines
+from barnax.reporting.fleet import problem_lines
+from barnax.reporting.wording import wording
 
 
-def test_the_end_is_three_lines_that_count_what_was_done():
+def test_the_end_counts_what_was_done():
     state = Progress(finished=40, failed=2, skipped=3)
-    assert closing_lines(state, Path("out"), 20.0) == [
-        "38 cells identified, 2 failed, 3 already done, in 20 s, 2.0 a second.",
-        "",
-        "out/report.html   cells.parquet",
-    ]
-    assert (
-        "the same command without it writes the report"
-        in (closing_lines(state, Path("out"), 20.0, "3/10")[1])
+    assert wording("fleet.done", state, 20.0) == (
+        "38 cells identified, 2 failed, 3 already done, in 20 s, 2.0 a second."
     )
-    assert closing_lines(Progress(skipped=5), Path("out"), 1.0)[0] == (
+    assert wording("fleet.done", Progress(skipped=5), 1.0) == (
         "Nothing to do: 5 already done; `retry` repeats what failed."
     )
+
+
+def test_progress_is_the_throughput_and_what_failed():
+    assert wording("fleet.progress", Progress(finished=30), 20.0) == "1.5 cells a second"
+    state = Progress(finished=30, failed=2)
+    assert wording("fleet.progress", state, 20.0) == "1.5 cells a second, 2 failed"
 
 
 def test_what_is_wrong_in_a_row_is_named_with_its_cell_and_column():

@@ -69,7 +69,7 @@ def check(what: Checked) -> None:
     for name, unit in (("capacity", "Ah"), ("rest_current", "A")):
         if (value := getattr(what, name)) is not None and not value > 0:
             raise InputError(f"`{name}` {value} {unit} must be positive")
-    how = Reading(**what.read)
+    how, wording = Reading(**what.read), reporting.wording.wording
     chosen = {"capacity_ah": what.capacity, "rest_current_a": what.rest_current}
     checks, unreadable = [], []
     listed: list[dict[str, Any]] = []
@@ -94,14 +94,12 @@ def check(what: Checked) -> None:
         listed.append(check.to_dict())
         session.show_document(reporting.records.check_document(check))
         if what.quiet:
-            findings = [finding for finding in check.findings if finding.counts]
-            session.warn(
-                reporting.records.finding_line(check.file, finding) for finding in findings
-            )
+            findings = (finding for finding in check.findings if finding.counts)
+            session.warn(wording("decisions.finding", check.file, each) for each in findings)
     if what.as_json:
         document = {"schema_version": SCHEMA_VERSION, "files": listed}
         typer.echo(json.dumps(document, indent=1, ensure_ascii=False))
-    session.show([reporting.records.count_sentence(checks, len(unreadable))])
+    session.show([wording("decisions.counts", checks, len(unreadable))])
     if unreadable:
         raise InputError("\n".join(unreadable))
     if not all(check.is_clean for check in checks):

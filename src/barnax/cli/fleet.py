@@ -130,7 +130,7 @@ def fleet(given: FleetOptions) -> None:
     cell cannot be identified, its row says why. Options on files and records
     apply to cells whose row does not set them.
     """
-    session = Session(is_quiet=given.quiet)
+    session, wording = Session(is_quiet=given.quiet), reporting.wording.wording
     from ..fleet.engine import identify_fleet, prepare_process
     from ..fleet.manifest import read_manifest
 
@@ -178,7 +178,7 @@ def fleet(given: FleetOptions) -> None:
     with session.counting("Identifying", len(cells)) as advance, _ended_from_within():
 
         def report(state: "Progress") -> None:
-            remark = reporting.fleet.progress_remark(state, time.perf_counter() - started_s)
+            remark = wording("fleet.progress", state, time.perf_counter() - started_s)
             advance(state.finished + state.skipped, remark)
 
         shard = parse_shard(given.shard) if given.shard else None
@@ -187,12 +187,15 @@ def fleet(given: FleetOptions) -> None:
     # Parts, factors and results are folders in it.
     for folder in (out, *filter(Path.is_dir, out.iterdir())) if isinstance(out, Path) else ():
         tell_unfinished(session, folder)
-    lines = reporting.fleet.closing_lines(state, out, session.elapsed_s, given.shard)
+    lines = [wording("fleet.done", state, session.elapsed_s)]
     # Shards run beside each other: the command that takes them together writes the report.
-    if not given.shard:
+    if given.shard:
+        lines += [wording("fleet.of_shard", given.shard), str(out)]
+    else:
         is_old = not page.exists() or changed_ns(page) < changed_ns(manifest)
         with session.watch("Writing the report"):
-            lines[1] = _summed_up(cells, settings, out, write=is_old or state.finished > 0)
+            lines.append(_summed_up(cells, settings, out, write=is_old or state.finished > 0))
+        lines.append(f"{out}/report.html   cells.parquet")
     session.show(shown(as_flags(line)) for line in lines)
 
 

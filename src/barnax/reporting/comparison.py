@@ -12,7 +12,6 @@ from .document import (
     Cells,
     Document,
     Picture,
-    Pictures,
     Table,
     circuits_table,
     make_table,
@@ -48,7 +47,7 @@ def comparison_document(
     `illustrations` come from `comparison_illustrations`; `seconds` are the times of the rows by
     their names, which a stored comparison does not hold. Every sentence is made from the numbers.
     """
-    pictures, facts = Pictures(illustrations), verdict_facts(result)
+    facts = verdict_facts(result)
     records = facts["records"]
     roles = record_roles(1, len(records) - 1) if records else []
     validated = [part.name for part in result.inputs if part.role == "validation"]
@@ -56,7 +55,7 @@ def comparison_document(
     heads = ["method", "source"]
     blocks: dict[str, tuple[Block, ...]] = {
         "circuits": circuit_blocks(result.candidates, (), validated),
-        "files": (files_table(result), *pictures.of("ocv")),
+        "files": (files_table(result),),
         "methods": (rows_table("The methods.", heads, sources.items(), heads),),
         "versions": (versions_table(result),),
     }
@@ -65,16 +64,14 @@ def comparison_document(
         blocks["search"] = (search_table(result, seconds),)
     for on, role in zip(records, roles, strict=True):
         differences = [differences_table(result, on)] if on.differences else []
-        drawn = pictures.of(f"{role}-voltages", f"{role}-errors")
-        blocks[role] = (errors_table(on), bands_table(on), *differences, *drawn)
-    blocks["more figures"] = pictures.others()
+        blocks[role] = (errors_table(on), bands_table(on), *differences)
     boxes = {name: (model.bounds, model.fixed) for name, model in result.models.items()}
     facts |= {
         "result": result,
         "view": View(cast("Result", result)),
         "boxes_of": search_boxes(boxes),
     }
-    return document("compared", blocks, roles=roles, facts=facts)
+    return document("compared", blocks, illustrations, roles=roles, facts=facts)
 
 
 @dataclass(frozen=True)

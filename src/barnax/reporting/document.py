@@ -283,25 +283,6 @@ def screen(*groups: Iterable[Block]) -> Document:
     return Document("", "", tuple(Section("", tuple(blocks)) for blocks in groups))
 
 
-class Pictures:
-    """The pictures of a report by their figures' names, each to be put where it belongs, once."""
-
-    def __init__(self, pictures: Iterable[Picture]):
-        self._left = {picture.name: picture for picture in pictures}
-
-    def of(self, *names: str) -> tuple[Picture, ...]:
-        """Those of the named pictures that there are, in this order."""
-        return tuple(self._left.pop(name) for name in names if name in self._left)
-
-    def starting(self, beginning: str) -> tuple[Picture, ...]:
-        """The pictures whose names begin so, in the order given."""
-        return self.of(*[name for name in self._left if name.startswith(beginning)])
-
-    def others(self) -> tuple[Picture, ...]:
-        """Those that no section has asked for."""
-        return tuple(self._left.values())
-
-
 def _renamed(value: Any, named: Callable[[str], str]) -> Any:
     if isinstance(value, str):
         return named(value)

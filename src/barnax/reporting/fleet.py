@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import polars as pl
@@ -10,11 +9,9 @@ import polars as pl
 from ..errors import as_keys
 from ..files import csv_text
 from .document import (
-    Block,
     Document,
     Paragraph,
     Picture,
-    Pictures,
     Section,
     Table,
     make_table,
@@ -22,10 +19,10 @@ from .document import (
 )
 from .view import View
 from .wording import document, sentences, wording
-from .words import NOTHING, counted, duration, figures, fixed, gathered, millivolt
+from .words import NOTHING, figures, fixed, gathered, millivolt
 
 if TYPE_CHECKING:
-    from ..fleet import FleetCell, Progress
+    from ..fleet import FleetCell
     from ..fleet.summary import Cause, Summary
     from ..pack import Pack
     from ..search.evaluate import Evaluation
@@ -57,15 +54,14 @@ def fleet_illustrations(rows: pl.DataFrame, worst: "Mapping[str, Evaluation]") -
 
 def fleet_document(summary: "Summary", illustrations: Sequence[Picture] = ()) -> Document:
     """The whole report."""
-    pictures = Pictures(illustrations)
-    blocks: dict[str, tuple[Block, ...]] = {
-        "distributions": (_distributions(summary), *pictures.of("distributions")),
+    blocks = {
+        "distributions": (_distributions(summary),),
         "outliers": (_outliers(summary),),
         "failures": (_causes(summary.failures, "Cells without an answer"),),
         "warnings": (_causes(summary.warnings, "Cells with a warning"),),
-        "worst": (_worst(summary), *pictures.starting("worst")),
+        "worst": (_worst(summary),),
     }
-    return document("fleet_page", blocks, fleet=summary)
+    return document("fleet_page", blocks, illustrations, fleet=summary)
 
 
 def _distributions(summary: "Summary") -> Table:
@@ -130,36 +126,6 @@ def problem_lines(cells: "Sequence[FleetCell]") -> list[str]:
     from ..fleet.rows import reasons_against
 
     return [f"{cell.id}: {as_keys(reason)}" for cell in cells for reason in reasons_against(cell)]
-
-
-def progress_remark(state: "Progress", elapsed_s: float) -> str:
-    """Throughput and failures so far."""
-    rate = state.finished / max(elapsed_s, 1e-9)
-    failed = f", {state.failed} failed" if state.failed else ""
-    return f"{rate:.1f} cells a second{failed}"
-
-
-def closing_lines(
-    state: "Progress", out: Path, elapsed_s: float, shard: str | None = None
-) -> list[str]:
-    """The last lines: cells identified and failed, and where the results are."""
-    skipped = f"{state.skipped:,} already done" if state.skipped else ""
-    where = f"{out}/report.html   cells.parquet"
-    rest = ""
-    if shard:
-        rest = f"Shard {shard}: once all are done, the same command without it writes the report."
-        where = str(out)
-    if not state.finished:
-        return [
-            f"Nothing to do: {skipped}; `retry` repeats what failed.",
-            rest or "The dataset is unchanged.",
-            where,
-        ]
-    done = f"{counted(state.finished - state.failed, 'cell')} identified, {state.failed:,} failed"
-    rate = f"in {duration(elapsed_s)}"
-    if state.finished >= 0.1 * elapsed_s:
-        rate += f", {state.finished / elapsed_s:.1f} a second"
-    return [", ".join(filter(None, (done, skipped, rate))) + ".", rest, where]
 
 
 # With more cells than this, the screen shows only those that stand out.

@@ -7,8 +7,8 @@ from pathlib import Path
 from ..errors import InputError
 from ..files import write_whole
 from ..results import Result
-from .document import Block, Document, Picture, Pictures
-from .illustrations import identification_illustrations, record_roles
+from .document import Block, Document, Picture
+from .illustrations import identification_illustrations
 from .pulses import pulses_blocks
 from .render import to_fragment, to_html, to_markdown
 from .result_tables import (
@@ -35,39 +35,31 @@ def identification_document(
     `illustrations` come from `identification_illustrations`; `summary_only` leaves it at the
     parameters, the verdict and the errors.
     """
-    view, pictures = View(result), Pictures(illustrations)
-    roles = record_roles(len(view.identified), len(view.validation))
-    has_tables = result.tables is not None
-    values = answer_tables(result.fits) if has_tables else (parameters_table(result),)
-
-    def of_records(*kinds: str) -> tuple[Picture, ...]:
-        return pictures.of(*(f"{role}-{kind}" for role in roles for kind in kinds))
-
+    view, has_tables = View(result), result.tables is not None
     blocks: dict[str, tuple[Block, ...]] = {
-        "answer": (*pictures.of("summary"), *values),
-        "errors": (errors_table(result), *of_records("voltage", "error")),
+        "answer": answer_tables(result.fits) if has_tables else (parameters_table(result),),
+        "errors": (errors_table(result),),
     }
     if not summary_only:
         validated = [part.name for part in view.validation]
         assessment = result.constant.assessment
         blocks |= {
             "circuits": circuit_blocks(view.candidates, result.tried, validated),
-            "tables": (*other_temperatures(result.fits), *pictures.starting("tables")),
+            "tables": other_temperatures(result.fits),
             "ocv nodes": ocv_tables(result.fits),
-            "pulses": pulses_blocks(result, of_records("pulses", "resistances")),
+            "pulses": pulses_blocks(result),
             "assessment": assessment_tables(assessment) if assessment else (),
             "files": (
                 files_table(result),
                 *((plan_table(result.plan),) if result.plan else ()),
-                *pictures.of("ocv"),
             ),
-            "seeds": (*seed_tables(result), *pictures.of("convergence")),
+            "seeds": seed_tables(result),
             "versions": (versions_table(result),),
         }
-        blocks["more figures"] = pictures.others()
     constant = result.constant
     boxes = search_boxes({constant.model: (constant.bounds, constant.fixed)})
-    return document("report", blocks, view=view, search_boxes=boxes, summary_only=summary_only)
+    facts = {"search_boxes": boxes, "summary_only": summary_only}
+    return document("report", blocks, illustrations, view=view, **facts)
 
 
 class Report(str):

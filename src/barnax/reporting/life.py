@@ -41,12 +41,12 @@ def life_lines(life: "Life") -> list[str]:
 def life_document(life: "Life", drawn: Sequence[Picture]) -> Document:
     """The page of the fleet."""
     blocks = {
-        "trends": (*drawn, _fleet_table(life)),
+        "trends": (_fleet_table(life),),
         "odd": (_fault_table(life),) if life.faults else (),
     }
     facts = {"quantities": _quantities(life), "is_judged": _is_judged(life)}
     causes = _causes(life)[:MOST_ROWS]
-    return document("life_page", blocks, life=life, causes=causes, **facts)
+    return document("life_page", blocks, drawn, life=life, causes=causes, **facts)
 
 
 def cell_document(life: "Life", cell: str, drawn: Sequence[Picture]) -> Document:
@@ -59,8 +59,8 @@ def cell_document(life: "Life", cell: str, drawn: Sequence[Picture]) -> Document
         if trend.estimates
     }
     missing = [quantity_name(quantity) for quantity in QUANTITIES if quantity not in trends]
-    blocks = {"drawn": tuple(drawn), "trends": tuple(trends.values())}
-    return document("cell_page", blocks, life=life, cell=cell, its_faults=faults, missing=missing)
+    facts = {"life": life, "cell": cell, "its_faults": faults, "missing": missing}
+    return document("cell_page", {"trends": tuple(trends.values())}, drawn, **facts)
 
 
 def _said(life: "Life", fault: "Fault") -> dict[str, str]:

@@ -1,6 +1,6 @@
 """The pulses of a test in words and tables, and the same numbers as CSV."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from operator import attrgetter
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,7 @@ from ..errors import escaped
 from ..files import csv_text
 from ..plots.cell import rate_label
 from ..pulses import STANDARD_S, Pulse, levels
-from .document import Block, Bullets, Picture, Table, make_table
+from .document import Block, Bullets, Table, make_table
 from .wording import sentences
 from .words import NOTHING, aligned, fixed
 
@@ -24,15 +24,14 @@ MIDDLE_SOC = 0.5
 NEAR_SOC = 0.4
 
 
-def pulses_blocks(result: "Result", pictures: Iterable[Picture]) -> tuple[Block, ...]:
+def pulses_blocks(result: "Result") -> tuple[Block, ...]:
     """The pulses of a test; nothing without any."""
     if not result.pulses:
         return ()
     rates = _levels(result)
     rests_s = [round(pulse.rest_s, -1) for pulse in result.pulses]
     told = Bullets(sentences("pulses.section", result.pulses, rates, rests_s))
-    tables = [_level_table(result, label, level) for label, level in rates]
-    return (told, *tables, *pictures)
+    return (told, *(_level_table(result, label, level) for label, level in rates))
 
 
 def _levels(result: "Result") -> list[tuple[str, tuple[Pulse, ...]]]:

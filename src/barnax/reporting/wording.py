@@ -3,14 +3,17 @@
 A template of `templates/words` makes lines, and how a line begins says what it is:
 
     = the title of a document     # a section     - a sentence of a list     ! a warning of a list
-    @ the name of ready blocks    and anything else a paragraph, before any section the summary
+    @ the name of ready blocks    & a pattern of figures' names, each where it is first asked for
+
+and anything else a paragraph, before any section the summary.
 
 A line that begins with a space goes on with the one above, and blank lines are nothing. A value is
 on one line, whatever it holds, so that a file's name is no markup; only `| lines` puts in the lines
 of a macro. Words of `words.py` are filters and functions of every template.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from fnmatch import fnmatchcase
 from functools import cache
 from inspect import isfunction
 from itertools import groupby
@@ -25,15 +28,17 @@ from ..cell.soc_axis import ABOVE_SOC
 from ..notices import sentences_of
 from ..settings import MAX_MOVED_SOC
 from . import words
-from .document import Block, Bullets, Document, Paragraph, Section
+from .document import Block, Bullets, Document, Paragraph, Picture, Section
 
-MARKS = "=#-!@"
+MARKS = "=#-!@&"
 # What sentences say of the numerics, by name.
 CONSTANTS = {"ABOVE_SOC": ABOVE_SOC, "MAX_MOVED_SOC": MAX_MOVED_SOC}
 CONSTANTS |= {name: getattr(dependence, name) for name in ("BETA", "KAPPA", "ONSET", "CHARGE")}
 # What is worth a sentence: low SOC with most of the squared error, a band with a notable share of
 # it, and a start that was moved, or an SOC beyond the ends, by more than what nobody asks about.
 CONSTANTS |= {"MOST": 0.5, "NOTABLE": 0.2, "MOVED_SOC": 5e-5, "BEYOND_SOC": 0.005}
+# A 95 % band that holds less often is overconfident; a flat OCV at fewer samples is no matter.
+CONSTANTS |= {"TRUSTED_BAND": 0.9, "FLAT_SHARE": 0.05}
 # Errors within this share of each other are called the same, and circuits nearly as good.
 CONSTANTS |= {"SAME": 0.01}
 
@@ -45,14 +50,18 @@ class Lines(str):
 
 
 def document(
-    template: str, blocks: Mapping[str, Sequence[Block]] | None = None, **facts: Any
+    template: str,
+    blocks: Mapping[str, Sequence[Block]] | None = None,
+    pictures: Iterable[Picture] = (),
+    **facts: Any,
 ) -> Document:
-    """The document that a template makes of facts; `blocks` are those that it names after an @.
+    """The document that a template makes of facts; `blocks` are those that it names after an @,
+    `pictures` those that it asks for after an &.
 
     A section without blocks is left out. Raises `KeyError` for blocks that are not given, and
     jinja2's `UndefinedError` for facts.
     """
-    title, summary = "", ""
+    title, summary, left = "", "", list(pictures)
     sections: list[tuple[str, list[Block]]] = []
     for mark, group in groupby(_items(rendered(template, **facts)), itemgetter(0)):
         texts = [text for _, text in group]
@@ -65,6 +74,10 @@ def document(
         elif mark == "@":
             for name in texts:
                 sections[-1][1].extend((blocks or {})[name])
+        elif mark == "&":
+            placed = [one for one in left if any(fnmatchcase(one.name, each) for each in texts)]
+            sections[-1][1].extend(placed)
+            left = [one for one in left if one not in placed]
         elif mark == "":
             sections[-1][1].extend(map(Paragraph, texts))
         else:

@@ -4,7 +4,7 @@ import json
 from itertools import groupby
 from pathlib import Path
 
-from barnax.notices import kinds
+from barnax.notices import Kind, kinds
 from barnax.results import Result
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -35,12 +35,18 @@ written by `python -m benchmarks.schema`.
 """
 
 
+def usual_severity(kind: Kind) -> str:
+    """The severity of a code; of one that goes by a value, each that it has."""
+    by_value = kind.words.get(kind.severity.strip("{}"), {"": kind.severity})
+    return " or ".join(sorted(set(by_value.values())))
+
+
 def notices_page() -> str:
     """Every code with its meaning, in the order of `notices.toml`."""
     lines = [HEAD]
     for rule, group in groupby(kinds().values(), lambda kind: kind.code.partition(".")[0]):
         lines += [f"## {rule}", "", "| code | usually | what it means |", "|---|---|---|"]
-        lines += [f"| `{kind.code}` | {kind.severity} | {kind.means} |" for kind in group]
+        lines += [f"| `{kind.code}` | {usual_severity(kind)} | {kind.means} |" for kind in group]
         lines.append("")
     return "\n".join(lines)
 

@@ -56,15 +56,15 @@ def test_a_code_has_a_meaning_and_words_for_all_its_choices(kind):
     choices = [text for own in kind.words.values() for text in own.values()]
     assert not any(text.endswith(".") for text in (kind.says, kind.remedy, *choices))
     # Whoever sets up words for a value also uses it, the shared ones aside.
-    used = " ".join([kind.says, kind.remedy, *choices])
+    used = " ".join([kind.says, kind.remedy, kind.severity, *choices])
     assert all(f"{{{name}" in used for name in kind.words.keys() - SHARED)
 
 
 def test_a_notice_without_what_its_words_need_is_refused():
     with pytest.raises(KeyError, match="held_ah"):
         Notice(
-            "gaps.steady",
-            {"gaps": 1, "longest_s": 120.0, "longest_row": 3, "part": "one"},
+            "gaps.missing",
+            {"gaps": 1, "longest_s": 120.0, "longest_row": 3, "charge": "steady"},
             "us06.csv",
         )
 

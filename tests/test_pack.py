@@ -200,7 +200,7 @@ def test_what_is_found_in_the_record_of_a_pack_is_told_with_what_is_assumed(volt
     table = frame(*voltages).with_columns(pl.col("^V.*$").shift(2)).drop_nulls()
     options = {"capacity": 5.0, "window": Window(initial_soc=START), "max_boxes": 0}
     late = identify_pack(table, **options)
-    assert "late-voltage.lags" in {notice.code for notice in late.result.warnings}
+    assert "late-voltage.apart" in {notice.code for notice in late.result.warnings}
     assert late.result.inputs[0].voltage_lag_s == pytest.approx(2.0, abs=0.05)
     told = to_markdown(pack_document(late))
     assert "Assumed: each sample's current flows until the next sample" in " ".join(told.split())

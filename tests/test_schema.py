@@ -168,8 +168,8 @@ def test_a_file_of_another_version_says_which_barnax_wrote_it(read, version):
 
 
 def test_a_notice_is_stored_with_its_words_and_read_by_its_code(read):
-    values = {"gaps": 1, "longest_s": 60.0, "longest_row": 12, "part": "one", "held_ah": 0.02}
-    told = Notice("gaps.steady", values, "us06.csv", 12)
+    values = {"gaps": 1, "longest_s": 60.0, "longest_row": 12, "charge": "steady", "held_ah": 0.02}
+    told = Notice("gaps.missing", values, "us06.csv", 12)
     result = Result.from_json(RESULT).model_copy(update={"warnings": (told,)})
     (stored,) = result.to_dict()["warnings"]
     assert stored["values"]["held [A.h]"] == 0.02

@@ -23,11 +23,8 @@ CELLS = 120
 OFF = 0.05
 # The codes of warnings that name a cause.
 CAUSES = {
-    "hold": {"hold.undecided", "counters.by-other-hold", "counters.net-by-other-hold"},
-    "sampling": {
-        *("role.unfit", "fast-load.instants", "fast-load.open"),
-        *("late-voltage.step", "late-voltage.lags", "late-voltage.leads"),
-    },
+    "hold": {"hold.undecided", "counters.apart", "counters.net"},
+    "sampling": {"role.unfit", "fast-load.rows", "late-voltage.step", "late-voltage.apart"},
     "circuit": {"answer.contradicted"},
 }
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from string import Formatter
-from typing import Any, Literal, Self
+from typing import Any, Literal, Self, cast
 
 from .errors import InputError, counted, listed, printable
 
@@ -25,14 +25,15 @@ _SCALES = {"mV": 1e3, "mA": 1e3, "mOhm": 1e3, "mohm": 1e3, "ms": 1e3, "%": 100, 
 class Kind:
     """A code, and the words of its notices.
 
-    `says` and `remedy` are templates: `{gap_s:.3g s}` is a number with its unit, `{rows:n row}` a
-    count. Of a value that is a choice, `words` has the text of each, under `none` that of a value
-    which is not given, and under `any` that of any other.
+    `says`, `remedy` and `severity` are templates: `{gap_s:.3g s}` is a number with its unit,
+    `{rows:n row}` a count. Of a value that is a choice, `words` has the text of each, under `none`
+    that of a value which is not given, and under `any` that of any other. A choice may have several
+    texts: `{cause}` and `{cause.remedy}` are both of the value `cause`.
     """
 
     code: str
     means: str
-    severity: Severity
+    severity: str
     says: str
     remedy: str = ""
     is_told: bool = False
@@ -40,13 +41,22 @@ class Kind:
 
     def missing(self, values: Mapping[str, Value]) -> set[str]:
         """The values that the words need beside those given."""
-        waiting, seen = [self.says, self.remedy], set[str]()
+        waiting, seen = [self.says, self.remedy, self.severity], set[str]()
         while waiting:
             names = {name for _, name, _, _ in Formatter().parse(waiting.pop()) if name} - seen
             choices = names & self.words.keys()
-            waiting += [_chosen(self.words[name], values.get(name)) for name in choices]
+            waiting += [_chosen(self.words[name], _value(name, values)) for name in choices]
             seen |= names
         return seen - values.keys() - self.words.keys()
+
+    def worded(self, template: str, values: Mapping[str, Value]) -> str:
+        """A template filled in."""
+        return _Words(self.words).vformat(template, (), values)
+
+
+def _value(name: str, values: Mapping[str, Value]) -> Value | None:
+    """The value that a field of a template is about."""
+    return values.get(name.partition(".")[0])
 
 
 def _chosen(choices: Mapping[str, str], value: Value | None) -> str:
@@ -61,12 +71,13 @@ class _Words(Formatter):
     def __init__(self, words: Mapping[str, Mapping[str, str]]):
         self.words = words
 
-    def get_value(self, key: int | str, args: Any, kwargs: Mapping[str, Any]) -> Any:
-        choices = self.words.get(str(key))
+    def get_field(self, field_name: str, args: Any, kwargs: Mapping[str, Any]) -> Any:
+        choices = self.words.get(field_name)
         if choices is None:
-            return kwargs[str(key)]
-        others = {name: own for name, own in self.words.items() if name != key}
-        return _Words(others).vformat(_chosen(choices, kwargs.get(str(key))), args, kwargs)
+            return kwargs[field_name], field_name
+        others = {name: own for name, own in self.words.items() if name != field_name}
+        words = _chosen(choices, _value(field_name, kwargs))
+        return _Words(others).vformat(words, args, kwargs), field_name
 
     def format_field(self, value: Any, format_spec: str) -> str:
         number, _, unit = format_spec.partition(" ")
@@ -152,17 +163,17 @@ class Notice:
 
     @property
     def severity(self) -> Severity:
-        return self.rating or self.kind.severity
+        return self.rating or cast(Severity, self.kind.worded(self.kind.severity, self.values))
 
     @property
     def what(self) -> str:
         """The finding in words."""
-        return _Words(self.kind.words).vformat(self.kind.says, (), self.values)
+        return self.kind.worded(self.kind.says, self.values)
 
     @property
     def remedy(self) -> str:
         """The remedy: an action, or an option by its Python name in backticks."""
-        return _Words(self.kind.words).vformat(self.kind.remedy, (), self.values)
+        return self.kind.worded(self.kind.remedy, self.values)
 
     @property
     def check(self) -> str:

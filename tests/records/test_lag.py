@@ -140,7 +140,7 @@ def test_identify_finds_r0_of_a_lagging_voltage_with_a_proof_and_reopens(tmp_pat
     log(0.1, 0.45, samples=6000).write_csv(path)
     given = {"seeds": 0, "capacity": 0.2, "trust": "none"}
     result = barnax.identify(path, **given)
-    assert "late-voltage.lags" in {each.code for each in result.warnings}
+    assert "late-voltage.apart" in {each.code for each in result.warnings}
     assert result.tables is not None
     nodes = [each for each in result.fit.of_table("R0 [Ohm]") if each.low]
     assert np.median([each.value for each in nodes]) == pytest.approx(R0, rel=0.03)

@@ -107,13 +107,11 @@ def compare_with_cell(
     # A large load leaves the OCV by some more, whatever its unit.
     allowed_v = max(_APART_V, _LEFT * min(own_v, _FAR_V))
     if best_v < min(_VANISHES * own_v, allowed_v):
-        told |= {"best_v": best_v, "factor": factor}
-        if factor in _UNITS:
-            return [Notice("cell.charge-unit", {"mistake": _UNITS[factor], **told})]
+        told |= {"mistake": _UNITS.get(factor, "capacity"), "best_v": best_v, "factor": factor}
+        told |= {"capacity_ah": capacity_ah / factor, "given_ah": capacity_ah}
         ranges = (word for ratio, word in _RANGES.items() if abs(factor / ratio - 1) < _NEAR)
         told["current"] = next(ranges, None) if record.charge_ah is None else None
-        capacities = {"capacity_ah": capacity_ah / factor, "given_ah": capacity_ah}
-        return [Notice("cell.capacity", {**capacities, **told})]
+        return [Notice("cell.charge", told)]
     if own_v > _ELSEWHERE_V:
         is_assumed = any(told.code == "ocv-test.capacity-assumed" for told in cell.warnings)
         span_ah = float(np.ptp(record.discharged_ah))
@@ -133,21 +131,20 @@ def compare_temperatures(
 ) -> list[Notice]:
     """A notice of each record that is much warmer or colder than every OCV test, or than every
     record that its circuit was identified on."""
-    found = []
-    codes = "cell.temperature-of-test", "cell.temperature-of-circuit"
-    for others, code in zip((tests, identified), codes, strict=True):
-        known = [(degc, name) for name, degc in reversed(others) if degc is not None]
+    notices = []
+    for kind, others in (("test", tests), ("circuit", identified)):
+        measured = [(degc, name) for name, degc in reversed(others) if degc is not None]
         for name, degc in records:
-            if degc is None or not known:
+            if degc is None or not measured:
                 continue
-            other_degc, other = min(known, key=lambda pair, degc=degc: abs(pair[0] - degc))
+            other_degc, other = min(measured, key=lambda pair, degc=degc: abs(pair[0] - degc))
             if abs(other_degc - degc) > _DEGREES:
                 told = {"temperature_degc": degc, "other": other, "other_degc": other_degc}
-                own = in_fahrenheit(degc)
-                is_fahrenheit = degc > _WARM_DEGC and abs(own - other_degc) <= _DEGREES
-                told |= {"own_degc": own} if is_fahrenheit else {}
-                found.append(Notice("cell.fahrenheit" if is_fahrenheit else code, told, name))
-    return found
+                converted = in_fahrenheit(degc)
+                is_wrong = degc > _WARM_DEGC and abs(converted - other_degc) <= _DEGREES
+                told |= {"of": "fahrenheit", "fahrenheit_degc": converted} if is_wrong else {}
+                notices.append(Notice("cell.temperature", {"of": kind, **told}, name))
+    return notices
 
 
 def _is_loaded(record: Record) -> bool:

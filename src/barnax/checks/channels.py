@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Shaped
 
 from ..notices import Notice, Severity
 from ..records.dialects import CHARGE, DISCHARGE
@@ -43,14 +43,11 @@ def in_one_sign(samples: Samples) -> Samples:
     told |= {"outer": kinds[0], "outer_steps": len(outside)}
     current_a = samples.current_a.copy()
     current_a[begin:end] *= -1
+    where = "begins" if ends_within[0] else "ends"
     if all(ends_within):
-        back = samples.row[end]
-        samples = samples.telling(begin, "sign.turned-part", **told, back_row=back)
-    else:
-        where = "begins" if ends_within[0] else "ends"
-        row = begin if ends_within[0] else end
-        samples = samples.telling(row, "sign.turns", where=where, **told)
-    return samples.having(current=current_a)
+        where, told["back_row"] = "within", samples.row[end]
+    row = begin if ends_within[0] else end
+    return samples.having(current=current_a).telling(row, "sign.turns", where=where, **told)
 
 
 def _most_contrary(votes: Votes) -> tuple[int, int]:
@@ -71,11 +68,6 @@ _STEADY, _EXPLAINED = 0.4, 0.3
 
 Channel = Float[np.ndarray, "samples"]
 Flags = Bool[np.ndarray, "samples"]
-# Codes for a channel that stands still, and for one that stops at the end of its range.
-_STUCK = {
-    "voltage": ("stuck-voltage.still", "stuck-voltage.limit"),
-    "current": ("stuck-current.still", "stuck-current.limit"),
-}
 # The units of channels in names of values.
 _UNITS = {"voltage": "v", "current": "a"}
 
@@ -147,28 +139,23 @@ def find_stuck_voltage(given: CheckInput) -> Iterator[Notice]:
     if not given.samples.resistance_ohm:
         return
     voltage_v, current_a = given.record.voltage_v, given.record.current_a
-    first, last = equal_runs(voltage_v)
+    first, last = equal_runs(voltage_v, _FEWEST_SAMPLES + 2)
     # At its ends a run may hold samples that were taken just before and after.
-    inner = last - first >= _FEWEST_SAMPLES + 1
-    first, last = first[inner] + 1, last[inner] - 1
-    if not len(first):
-        return
+    first, last = first + 1, last - 1
     least_a = max(_EXPECTED_V, _EXPECTED_STEPS * given.resolution_v) / given.samples.resistance_ohm
     swing_a = np.zeros(len(first))
-    for run in np.flatnonzero(_range(current_a, first, last) > least_a).tolist():
+    for run in np.flatnonzero(_total(np.abs(given.samples.step_a), first, last) > least_a):
         swing_a[run] = _swing(current_a[first[run] : last[run] + 1])
     is_stuck = swing_a > least_a
     if is_stuck.any():
         expected_v = float(np.max(swing_a)) * given.samples.resistance_ohm
-        yield _stuck(given, "voltage", first[is_stuck], last[is_stuck], expected_v)
+        code = "stuck-voltage.still"
+        yield _stuck(given, code, "voltage", first[is_stuck], last[is_stuck], expected_v)
 
 
 def find_stuck_current(given: CheckInput) -> Iterator[Notice]:
     """A current of one and the same reading while the voltage jumps up and down."""
-    current_a = given.record.current_a
-    first, last = equal_runs(current_a)
-    is_long = last - first >= _FEWEST_SAMPLES
-    first, last = first[is_long], last[is_long]
+    first, last = equal_runs(given.record.current_a, _FEWEST_SAMPLES + 1)
     if not len(first):
         return
     step_v = given.samples.step_v.copy()
@@ -176,27 +163,30 @@ def find_stuck_current(given: CheckInput) -> Iterator[Notice]:
     spiked = voltage_spikes(given)
     step_v[spiked[1:] | spiked[:-1]] = 0
     least_v = max(_JUMP_V, _JUMP_NOISE * given.samples.noise_v, 3 * given.resolution_v)
-    up, down = _count(step_v > least_v, first, last), _count(step_v < -least_v, first, last)
+    up, down = _total(step_v > least_v, first, last), _total(step_v < -least_v, first, last)
     is_stuck = np.minimum(up, down) >= _FEWEST_JUMPS
     if is_stuck.any():
         first, last = first[is_stuck], last[is_stuck]
         jump_v = float(np.abs(step_v[first[0] : last[0]]).max())
-        yield _stuck(given, "current", first, last, jump_v)
+        yield _stuck(given, "stuck-current.still", "current", first, last, jump_v)
 
 
-def _stuck(given: CheckInput, channel: str, first: Places, last: Places, moved_v: float) -> Notice:
+def _stuck(
+    given: CheckInput, code: str, channel: str, first: Places, last: Places, moved_v: float
+) -> Notice:
     """The first run, and how many more there are."""
     values = given.samples.values[channel]
     value = values[first]
-    is_limit = bool(np.all((value == values.max()) | (value == values.min()))) and value[0] != 0
+    is_end = bool(np.all((value == values.max()) | (value == values.min()))) and value[0] != 0
     worst = int(np.argmax(last - first))
     samples = int(np.sum(last - first + 1))
     rows = given.record.row[given.places(channel)]
     severity: Severity = "error" if samples > 0.01 * given.record.samples else "warning"
     return given.at(
         int(first[0]),
-        _STUCK[channel][bool(is_limit)],
+        code,
         channel,
+        range="end" if is_end else None,
         samples=samples,
         places=len(first),
         first_row=rows[first[worst]],
@@ -204,13 +194,6 @@ def _stuck(given: CheckInput, channel: str, first: Places, last: Places, moved_v
         moved_v=moved_v,
         **{f"value_{_UNITS[channel]}": value[worst]},
     ).rated(severity)
-
-
-def _range(values: Channel, first: Places, last: Places) -> Float[np.ndarray, "runs"]:
-    """Largest less smallest value of each run."""
-    edges = np.stack([first, np.minimum(last + 1, len(values))], axis=1).ravel()
-    padded = np.append(values, values[-1])
-    return (np.maximum.reduceat(padded, edges) - np.minimum.reduceat(padded, edges))[::2]
 
 
 def _swing(current_a: Channel) -> float:
@@ -221,9 +204,11 @@ def _swing(current_a: Channel) -> float:
     return min(fall_a, float((middle_a - np.minimum.accumulate(middle_a)).max()))
 
 
-def _count(happens: Bool[np.ndarray, "intervals"], first: Places, last: Places) -> Places:
-    """In how many intervals of each run it happens."""
-    total = np.append(0, np.cumsum(happens))
+def _total(
+    values: Shaped[np.ndarray, "intervals"], first: Places, last: Places
+) -> Shaped[np.ndarray, "runs"]:
+    """The sum of the values of each run's intervals."""
+    total = np.append(0, np.cumsum(values))
     return total[last] - total[first]
 
 

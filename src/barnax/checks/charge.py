@@ -50,10 +50,9 @@ def _against_net(given: CheckInput) -> Iterator[Notice]:
     other, other_ah = _by_the_other_hold(given)
     held = ratio * other_ah / (given.charged_ah + given.discharged_ah)
     told = {"ratio": ratio, "column": given.samples.header("net capacity")}
-    if abs(held - 1) < abs(ratio - 1) / 3:
-        yield given.at(0, "counters.net-by-other-hold", **told, hold=other, held_ratio=held)
-    else:
-        yield given.at(0, "counters.net-scaled", **told, inverse=1 / ratio)
+    is_held = abs(held - 1) < abs(ratio - 1) / 3
+    by = {"hold": other, "held_ratio": held} if is_held else {"inverse": 1 / ratio}
+    yield given.at(0, "counters.net", **told, **by)
 
 
 def _against_integral(given: CheckInput, gains_ah: tuple[float, float]) -> Iterator[Notice]:
@@ -64,21 +63,20 @@ def _against_integral(given: CheckInput, gains_ah: tuple[float, float]) -> Itera
     apart, swapped_ah = apart_ah / total_ah, max(abs(in_ah - spent_ah), abs(out_ah - gained_ah))
     if apart_ah <= _QUANTA * given.samples.counters.quantum_ah or apart <= _COUNTERS_NOTED:
         return
-    told = {"integrated_in_ah": in_ah, "integrated_out_ah": out_ah}
+    told = {"integrated_in_ah": in_ah, "integrated_out_ah": out_ah, "apart_share": apart}
     told |= {"counted_in_ah": gained_ah, "counted_out_ah": spent_ah}
     ratio = (in_ah + out_ah) / total_ah
     other, held_ah = _by_the_other_hold(given)
+    by, cause = {}, "unknown"
     if apart <= _COUNTERS_DIFFER:
-        yield given.at(0, "counters.somewhat-apart", **told, apart_share=apart)
+        cause = "slight"
     elif swapped_ah / total_ah < _COUNTERS_DIFFER:
-        yield given.at(0, "counters.exchanged", **told)
+        cause = "exchanged"
     elif abs(ratio - 1) > _SCALED and _is_scaled(given, ratio):
-        yield given.at(0, "counters.scaled", **told, ratio=ratio, inverse=1 / ratio)
+        by, cause = {"ratio": ratio, "inverse": 1 / ratio}, "factor"
     elif abs(held_ah / total_ah - 1) < abs(ratio - 1) / 3:
-        by_other = {"hold": other, "held_ah": held_ah}
-        yield given.at(0, "counters.by-other-hold", **told, apart_share=apart, **by_other)
-    else:
-        yield given.at(0, "counters.apart", **told, apart_share=apart)
+        by, cause = {"hold": other, "held_ah": held_ah}, "hold"
+    yield given.at(0, "counters.apart", **told, **by, cause=cause)
 
 
 def _is_scaled(given: CheckInput, ratio: float) -> bool:
@@ -101,11 +99,12 @@ def find_capacity(given: CheckInput) -> Iterator[Notice]:
     if share > 1 + CAPACITY_WARNING:
         discharged_ah = given.record.discharged_ah
         at = max(int(np.argmax(discharged_ah)), int(np.argmin(discharged_ah)))
-        yield given.at(at, "capacity.exceeded", **told)
-    elif share < _HARDLY_MOVES / 2 and (travel_v := given.samples.bulk_time[1]) >= _MOVED_V:
-        yield given.at(0, "capacity.hardly-used", **told, travel_v=travel_v)
+        yield given.at(at, "capacity.moved", **told, amount="more")
     elif share < _HARDLY_MOVES:
-        yield given.at(0, "capacity.little", **told)
+        travel_v = given.samples.bulk_time[1]
+        is_doubtful = share < _HARDLY_MOVES / 2 and travel_v >= _MOVED_V
+        told |= {"amount": "hardly" if is_doubtful else "little", "travel_v": travel_v}
+        yield given.at(0, "capacity.moved", **told)
 
 
 def find_closure(given: CheckInput) -> Iterator[Notice]:
@@ -250,8 +249,8 @@ def _offset(given: CheckInput, rests: list[_Rest]) -> Iterator[Notice]:
     told = {"offset_a": value_a, "drift_ah": drift_ah, "rests": len(rests)}
     if is_much and given.ocv.sweeps:
         told |= {"soc_share": share, "ocv_v": share * given.samples.bulk_time[1]}
-    if is_large or is_much:
-        rest_a = 1.5 * abs(offset_a) if is_large and given.given_rest_a is None else None
-        yield given.at(first, "rests.offset", **told, rest_a=rest_a)
-    elif drift_ah > _NOTED_DRIFT * turnover_ah:
-        yield given.at(first, "rests.slight-offset", **told)
+    if is_large and given.given_rest_a is None:
+        told |= {"rest_a": 1.5 * abs(offset_a)}
+    if is_large or is_much or drift_ah > _NOTED_DRIFT * turnover_ah:
+        effect = None if is_large or is_much else "slight"
+        yield given.at(first, "rests.offset", **told, effect=effect)

@@ -29,8 +29,6 @@ _BACK_SHARE = 0.1
 # From this interval on, part of a sample may be a pair, or a load that changes between rows.
 _ALIKE_S = 0.5
 
-# Codes for a current that changes faster than it is sampled, by the kind of its rows.
-_FAST = {"instants": "fast-load.instants", "means": "fast-load.means", "open": "fast-load.open"}
 # What makes R0 wrong, and an OCV no worse.
 OF_R0 = frozenset({"late-voltage.step", "late-voltage.smoothed", "smoothed-current.back"})
 
@@ -43,7 +41,8 @@ def find_gaps(given: CheckInput) -> Iterator[Notice]:
         rests = np.flatnonzero(record.flowing < 1)
         longest = rests[int(np.argmax(interval_s[rests]))]
         told = {"longest_s": interval_s[longest], "longest_row": record.row[longest + 1]}
-        yield given.at(int(rests[0]) + 1, "gaps.rests", gaps=len(rests), **told)
+        told |= {"gaps": len(rests), "charge": "resting"}
+        yield given.at(int(rests[0]) + 1, "gaps.missing", **told)
         gaps = np.setdiff1d(gaps, rests)
     # Most samples lie as far apart as the shorter ones.
     gaps = gaps[interval_s[gaps] > np.median(interval_s)]
@@ -67,21 +66,18 @@ def find_gaps(given: CheckInput) -> Iterator[Notice]:
     moved_ah = given.charged_ah + given.discharged_ah
     worst = gaps[int(np.argmax(interval_s[gaps]))]
     told = {"longest_s": interval_s[worst], "longest_row": record.row[worst + 1]}
-    told |= {"gaps": len(gaps), "part": "several" if len(gaps) > 1 else "one"}
-    first = int(gaps[0]) + 1
+    charge = "idle"
     held_ah = float(np.abs(given.record.moved_ah[gaps]).sum())
     if doubt_ah > _HIDDEN_SHARE * given.scale_ah or np.any(jump_v > _HIDDEN_V):
-        lost = "doubted"
+        charge = "doubted"
         if counted_ah is not None:
-            lost = "standing" if is_lost.any() else "counted"
+            charge = "standing" if is_lost.any() else "counted"
         elif is_lost.any() or not _HIDDEN_SHARE * given.scale_ah <= doubt_ah <= moved_ah:
-            lost = "unknown"
-        moved = {"moved_v": jump_v.max(), "charge": lost, "doubt_ah": doubt_ah}
-        yield given.at(first, "gaps.jump", **told, **moved)
+            charge = "unknown"
+        told |= {"moved_v": jump_v.max(), "doubt_ah": doubt_ah}
     elif counted_ah is None and held_ah > _HELD_SHARE * given.scale_ah:
-        yield given.at(first, "gaps.steady", **told, held_ah=held_ah)
-    else:
-        yield given.at(first, "gaps.idle", **told)
+        charge, told["held_ah"] = "steady", held_ah
+    yield given.at(int(gaps[0]) + 1, "gaps.missing", **told, gaps=len(gaps), charge=charge)
 
 
 def find_skipped(given: CheckInput) -> Iterator[Notice]:
@@ -163,11 +159,10 @@ def find_late_voltage(given: CheckInput) -> Iterator[Notice]:
         told = {"lag_s": lag.seconds, "interval_s": given.usual_s, "apart_s": abs(lag.seconds)}
         is_either = abs(lag.samples) < 1 and given.usual_s >= _ALIKE_S
         told |= {"cause": "either" if is_either else None}
-        if lag.samples > 0:
-            yield Notice("late-voltage.lags", {**told, "missing_share": min(lag.samples, 1.0)})
-        else:
-            yield Notice("late-voltage.leads", told)
-    if lag is not None or known is None or given.is_lag_given:
+        told |= {"age": "older" if lag.samples > 0 else "newer"}
+        yield Notice("late-voltage.apart", {**told, "missing_share": min(lag.samples, 1.0)})
+        return
+    if known is None or given.is_lag_given:
         return
     late = late_of(known)
     (first_ohm, second_ohm, third_ohm, _, last_ohm), covariance = known
@@ -196,9 +191,12 @@ def find_fast_load(given: CheckInput) -> Iterator[Notice]:
     # Whoever says "forward" knows that the load switches in time with the log.
     is_told = slow.kind == "instants" and not (is_given and hold.value == "forward")
     if is_told or hold.strength == "assumed":
-        is_open = None if is_given else "open"
-        values = {"interval_s": given.samples.interval_s, "hold": is_open}
-        yield Notice(_FAST[slow.kind], values)
+        told = {"interval_s": given.samples.interval_s, "rows": slow.kind}
+        yield Notice("fast-load.rows", {**told, "hold": None if is_given else "open"})
+
+
+# Of shorter steps the pace says little.
+_FEWEST_IN_STEP = 20
 
 
 def find_rebuilt_clock(given: CheckInput) -> Iterator[Notice]:
@@ -209,9 +207,8 @@ def find_rebuilt_clock(given: CheckInput) -> Iterator[Notice]:
     record = given.record
     if record.step is None:
         return
-    starts, ends = equal_runs(record.step)
+    starts, ends = equal_runs(record.step, _FEWEST_IN_STEP)
     lengths = ends - starts + 1
-    starts, lengths = starts[lengths >= 20], lengths[lengths >= 20]
     if len(starts) < 3:
         return
     inside = np.concatenate([np.arange(a + 1, a + n) for a, n in zip(starts, lengths, strict=True)])
@@ -263,9 +260,9 @@ def find_temperature(given: CheckInput) -> Iterator[Notice]:
     outside = (temperature < low) | (temperature > high)
     if outside.any():
         is_kelvin = low < temperature.min() - ZERO_K and temperature.max() - ZERO_K < high
-        code = "temperature.kelvin" if is_kelvin else "temperature.outside"
         told = {"temperature_degc": temperature[np.argmax(outside)], "samples": outside.sum()}
-        yield given.at(outside, code, **told, low_degc=low, high_degc=high)
+        told |= {"low_degc": low, "high_degc": high, "unit": "K" if is_kelvin else None}
+        yield given.at(outside, "temperature.outside", **told)
         return
     low, high = np.quantile(temperature, _ENDS)
     if low > _HOT_DEGC and in_fahrenheit(float(high)) < _ROOM_DEGC:

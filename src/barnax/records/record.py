@@ -275,10 +275,11 @@ def runs(holds: Bool[np.ndarray, "samples"]) -> tuple[Places, Places]:
     return edges[::2], edges[1::2] - 1
 
 
-def equal_runs(values: np.ndarray) -> tuple[Places, Places]:
-    """First and last place of each run of equal values."""
-    changes = np.flatnonzero(np.diff(values) != 0)
-    return np.append(0, changes + 1), np.append(changes, len(values) - 1)
+def equal_runs(values: np.ndarray, fewest: int = 1) -> tuple[Places, Places]:
+    """First and last place of each run of equal values, of so many at least."""
+    edges = np.flatnonzero(np.diff(values, prepend=np.nan, append=np.nan) != 0)
+    is_long = np.diff(edges) >= fewest
+    return edges[:-1][is_long], edges[1:][is_long] - 1
 
 
 def pause_s(earlier: Record, later: Record) -> float:

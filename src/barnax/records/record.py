@@ -313,10 +313,8 @@ def in_means(record: Record, interval_s: float) -> Record:
     def mean(values: Float[np.ndarray, "samples"]) -> Float[np.ndarray, "means"]:
         return np.add.reduceat(values, first) / counts
 
-    begun: dict[str, Any] = {}
-    for name in ("temperature_degc", "step", "row", "charge_ah", "cycle", "state"):
-        own = getattr(record, name)
-        begun[name] = None if own is None else own[first]
+    columns = "temperature_degc", "step", "row", "charge_ah", "cycle", "state"
+    begun = {name: own[first] for name in columns if (own := getattr(record, name)) is not None}
     found = replace(
         record,
         time_s=mean(record.time_s),

@@ -21,8 +21,8 @@ PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text
 # which a record becomes a report.
 LAYERS = (
     ("display", "errors", "metrics", "execution", "blas", "devices"),
-    ("notices", "files"),
-    ("schema", "bundled", "settings", "records", "optimizers"),
+    ("notices", "files", "settings"),
+    ("schema", "bundled", "records", "optimizers"),
     ("cell",),
     ("checks", "model"),
     ("search", "inputs", "pulses", "filters"),

@@ -140,7 +140,8 @@ def test_intervals_reach_over_what_the_other_sampling_makes_of_their_values(monk
     )
     other = constant.with_tables({"R0 [Ohm]": [0.041]})
     # A step that answers 20 mOhm above the constant circuit's R0.
-    monkeypatch.setattr(identification, "late_answers_ohm", lambda record: (0.06, 0.01, 0.0))
+    monkeypatch.setattr(identification, "answers_ohm", lambda record: None)
+    monkeypatch.setattr(identification, "late_r0_ohm", lambda known: 0.07)
     monkeypatch.setattr(identification, "hold_warning", lambda *given: given)
     monkeypatch.setattr(identification, "bands_by_soc", lambda evaluations: ())
     bounds = SimpleNamespace(ranges={})

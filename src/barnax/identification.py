@@ -25,7 +25,7 @@ from .over_soc.fits import R0, TableFits
 from .over_soc.own_ocv import compare_with_own
 from .over_soc.temperature import fit_temperatures, group_by_temperature
 from .pulses import pulses_of
-from .records.lag import late_answers_ohm
+from .records.lag import answers_ohm, late_r0_ohm
 from .result_parts import (
     Candidate,
     ConstantPart,
@@ -288,8 +288,8 @@ def _others(
 
 def _late_ohm(problem: Problem) -> list[float]:
     """R0 with what comes late, of the records that show it."""
-    jumps = [late_answers_ohm(prepared.record) for prepared in problem.prepared_records]
-    return [jump[0] + jump[1] for jump in jumps if jump is not None]
+    known = (answers_ohm(prepared.record) for prepared in problem.prepared_records)
+    return [ohm for ohm in map(late_r0_ohm, known) if ohm is not None]
 
 
 def _resampled(problem: Problem, circuit: CircuitParameters) -> CircuitParameters | None:

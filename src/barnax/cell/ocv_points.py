@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -13,12 +13,12 @@ from jaxtyping import Float, Int
 from ..display import Brief
 from ..errors import InputError, counted
 from ..notices import Notice
-from ..records import Hold, Source, read_record, read_source
-from ..records.dialects import Sign
+from ..records import Source, read_record, read_source
 from ..records.quantities import CELL_RANGE_V
 from ..records.record import MINIMUM_REST_S, SETTLED_V, Record, Rest, Segments, is_long, runs
 from ..records.scale import of_one_cell
 from ..records.table import Lines, found_at, take_lines
+from ..settings import AutoHold, AutoSign
 from .soc_axis import CHARGE, DISCHARGE, WORD, OcvPoint, Sweep
 
 MINIMUM_POINTS = 4
@@ -371,8 +371,8 @@ def _branch(file: str, lines: Lines, name: str, scale: float) -> tuple[OcvPoint,
 def read_ocv_test(
     source: str | Path | Source,
     *,
-    current_sign: Sign | Literal["auto"] = "auto",
-    current_hold: Hold | Literal["auto"] = "auto",
+    current_sign: AutoSign = "auto",
+    current_hold: AutoHold = "auto",
     voltage_lag: float | None = None,
 ) -> Record | OcvTable:
     """The OCV test in a file: a table of OCV over SOC, else a record."""

@@ -1,6 +1,5 @@
 """Tables over state of charge at several temperatures, and the hats that tables consist of."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,15 +7,13 @@ from jaxtyping import Float
 
 from ..errors import InputError
 from .dependence import ZERO_DEGC_K, between
-from .parameters import CircuitParameters, Table
+from .parameters import CircuitParameters, Rows, Table
 
 # Below this a resistance is at its bound of zero, which has no logarithm.
 LEAST_OHM = 1e-7
 
 
-def hats(
-    soc: Float[np.ndarray, "samples"], nodes: Sequence[float] | Float[np.ndarray, "nodes"]
-) -> Float[np.ndarray, "samples nodes"]:
+def hats(soc: Float[np.ndarray, "samples"], nodes: Rows) -> Float[np.ndarray, "samples nodes"]:
     """Each node's share of a table's value at every SOC: linear between nodes, constant beyond.
 
     >>> hats(np.array([-1.0, 0.25, 1.0]), (0.0, 0.5, 1.0)).tolist()
@@ -81,10 +78,11 @@ class TemperatureTables:
         along = (temperature_degc - ends[0]) / np.diff(ends)[0]
 
         def mixed(name: str) -> Table:
-            is_resistance = name.endswith("[Ohm]")
-            mix, share = (_log_linear, here) if is_resistance else (_linear, along)
             first, second = (np.array(end.tables[name]) for end in (cold, warm))
-            return tuple(mix(first, second, share).tolist())
+            row = (1 - along) * first + along * second
+            if name.endswith("[Ohm]"):
+                row = _log_linear(first, second, here)
+            return tuple(row.tolist())
 
         return replace(
             cold,
@@ -94,11 +92,7 @@ class TemperatureTables:
         )
 
 
-def _linear(first: np.ndarray, second: np.ndarray, share: float) -> np.ndarray:
-    return (1 - share) * first + share * second
-
-
 def _log_linear(first: np.ndarray, second: np.ndarray, share: float) -> np.ndarray:
     has_logarithm = np.minimum(first, second) > LEAST_OHM
     powers = np.maximum(first, LEAST_OHM) ** (1 - share) * np.maximum(second, LEAST_OHM) ** share
-    return np.where(has_logarithm, powers, _linear(first, second, share))
+    return np.where(has_logarithm, powers, (1 - share) * first + share * second)

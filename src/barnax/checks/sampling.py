@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..notices import Notice
-from ..records.lag import LASTING, LATE_SURE, late_of
+from ..records.lag import LASTING, LATE_SURE, late_r0_ohm
 from ..records.record import equal_runs
 from ..records.silence import gaps_in
 from .traits import FINE_S, CheckInput
@@ -164,11 +164,10 @@ def find_late_voltage(given: CheckInput) -> Iterator[Notice]:
         return
     if known is None or given.is_lag_given:
         return
-    late = late_of(known)
     (first_ohm, second_ohm, third_ohm, _, last_ohm), covariance = known
     told = {"first_ohm": first_ohm, "second_ohm": second_ohm, "third_ohm": third_ohm}
     told |= {"interval_s": given.usual_s}
-    if late is not None:
+    if late_r0_ohm(known) is not None:
         late_ohm = second_ohm - LASTING * third_ohm
         share = late_ohm / (first_ohm + late_ohm)
         yield Notice("late-voltage.step", {**told, "missing_share": share})

@@ -22,7 +22,7 @@ from ..model.problem import Problem, rmse_by_scan
 from ..model.sampling import other_sampling
 from ..notices import Notice
 from ..records import Decision
-from ..records.lag import late_answers_ohm
+from ..records.lag import answers_ohm, late_r0_ohm
 from ..schema import Count, MaybeInfinite, Volts
 from ..search.evaluate import both_directions, evaluate
 from ..search.refine import (
@@ -349,7 +349,7 @@ def _can_tell(prepared: PreparedRecord, is_own_ocv: bool) -> bool:
     interval_s, usual_s = prepared.record.interval_s, prepared.median_interval_s
     is_even = np.quantile(np.abs(interval_s - usual_s), 0.99) <= EVEN * usual_s
     has_slope = usual_s > SHORT_S and not is_own_ocv
-    return has_slope or not is_even or late_answers_ohm(prepared.record) is not None
+    return has_slope or not is_even or late_r0_ohm(answers_ohm(prepared.record)) is not None
 
 
 def _log_ratios(own_v: np.ndarray, other_v: np.ndarray) -> np.ndarray:

@@ -324,13 +324,13 @@ def is_usual(interval_s: float) -> bool:
 # Dates as numbers: their units, with where they begin, for 1985 to 2100.
 _EPOCHS = (
     *(
-        (Unit(f"Unix {symbol}", 1 / parts), 4.7e8 * parts, 4.1e9 * parts)
+        (Unit(f"Unix {symbol}", factor=1 / parts), 4.7e8 * parts, 4.1e9 * parts)
         for symbol, parts in (("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9))
     ),
-    (Unit("Excel days", 86400.0, -25_569 * 86400.0), 31_048.0, 73_051.0),
-    (Unit("MATLAB days", 86400.0, -719_529 * 86400.0), 725_008.0, 767_011.0),
+    (Unit("Excel days", factor=DAY_S, offset=-25_569 * DAY_S), 31_048.0, 73_051.0),
+    (Unit("MATLAB days", factor=DAY_S, offset=-719_529 * DAY_S), 725_008.0, 767_011.0),
     # 20240309090000 is no count of anything.
-    (Unit("s", np.nan), 1.9e13, 2.1e13),
+    (Unit("s", factor=np.nan), 1.9e13, 2.1e13),
 )
 # Samples that are dated lie no further apart, but for some that are set so.
 _DATED_APART_S = 500.0

@@ -29,6 +29,7 @@ _BACK_AT_ONCE = 0.9
 _SPRING, _SPRING_HOURS, _EXACT, _GOES_ON = (3, 4, 9, 10), 5, 0.05, 0.9
 
 Clock = Float[np.ndarray, "samples"]
+Flags = Bool[np.ndarray, "samples"]
 
 
 def examine_clock(samples: Samples) -> Samples:
@@ -84,9 +85,7 @@ def _without_zeros(samples: Samples) -> Samples:
     return samples.telling(is_zero, "clock.zeros", **given).keep(~is_zero)
 
 
-def _within_steady_stamps(
-    time: Clock, is_out: Bool[np.ndarray, "samples"]
-) -> Bool[np.ndarray, "samples"]:
+def _within_steady_stamps(time: Clock, is_out: Flags) -> Flags:
     """Those of the stamps that stand between others of one interval, in place of as many."""
     first, last = runs(is_out)
     is_inside = (first > 1) & (last < len(time) - 2)
@@ -249,7 +248,7 @@ def _join_steps(samples: Samples) -> Samples:
     return samples.telling(at, "clock.steps", **given).having(time=joined)
 
 
-def _single_strays(time: Clock) -> Bool[np.ndarray, "samples"]:
+def _single_strays(time: Clock) -> Flags:
     """Stamps without which their neighbors are in order: too low, or too high."""
     strays = np.zeros(len(time), bool)
     falls = np.flatnonzero(np.diff(time) < 0)
@@ -262,7 +261,7 @@ def _single_strays(time: Clock) -> Bool[np.ndarray, "samples"]:
     return strays
 
 
-def _stray_runs(time: Clock) -> Bool[np.ndarray, "samples"]:
+def _stray_runs(time: Clock) -> Flags:
     """Runs of stamps behind what came before, or ahead of what comes after; the fewer of the two.
 
     None where sorting would put them in their places.

@@ -17,7 +17,7 @@ from .table import FEWEST_CELLS, Table
 
 Columns = Mapping[str, Column]
 
-REQUIRED = tuple(quantity for quantity in QUANTITIES if quantity.is_required)
+REQUIRED = tuple(quantity for quantity in QUANTITIES if quantity.name in NEEDED)
 # Dates that stand still in a larger share of the intervals are printed too coarsely to be a clock.
 _COARSE_DATES = 0.05
 # The number of dates that are looked at.
@@ -30,6 +30,12 @@ class _Missing(NamedTuple):
     quantity: Quantity
     likely: list[Column]
     guess: Column | None
+
+    @property
+    def option(self) -> str:
+        """The quantity as `columns` takes it."""
+        unit = "" if self.guess and not self.guess.is_unit_assumed else ":UNIT"
+        return f"{self.quantity.name}={self.guess.header if self.guess else 'NAME'}{unit}"
 
 
 def examine_columns(table: Table, file: str) -> tuple[dict[str, Column], list[Notice]]:
@@ -131,7 +137,7 @@ def _not_there(header: Header, row: int, file: str) -> Iterator[Notice]:
             continue
         quantity, (column, _, unit) = QUANTITY_OF[name], wanted.rpartition(":")
         taken = header.columns.get(name)
-        is_missing = quantity.is_required and taken is None
+        is_missing = name in NEEDED and taken is None
         code, values = "columns.not-there", {"wanted": wanted, "columns": _quoted(header.names)}
         if column and header.named(quantity, column):
             code = "columns.unknown-unit"
@@ -221,9 +227,9 @@ def _missing_one(missing: _Missing) -> tuple[str, dict[str, Any]]:
     quantity, likely, guess = missing
     names = f"{_examples(quantity)}, with its unit ({_symbols(quantity)})"
     if guess is not None:
-        option = f"{quantity.name}={guess.header}" + (":UNIT" if guess.is_unit_assumed else "")
         names = names if guess.quantity is quantity else f"'{guess.quantity.examples[-1]}'"
-        return "columns.missing-likely", {"likely": guess.header, "option": option, "names": names}
+        values = {"likely": guess.header, "option": missing.option, "names": names}
+        return "columns.missing-likely", values
     is_out = ["discharge" in column.header.lower() for column in likely]
     is_pair = quantity.name == "current" and len(likely) == 2 and any(is_out) and not all(is_out)
     quoted = _quoted([column.header for column in likely]) if likely else None
@@ -233,13 +239,9 @@ def _missing_one(missing: _Missing) -> tuple[str, dict[str, Any]]:
 
 def _missing_several(missing: Sequence[_Missing]) -> tuple[str, dict[str, Any]]:
     """The notice of several missing quantities, with the one option that names them all."""
-    guesses = {quantity.name: guess for quantity, _, guess in missing}
-    likely = [f"'{guess.header}' is likely the {name}" for name, guess in guesses.items() if guess]
-    option = ",".join(
-        f"{name}={guess.header if guess else 'NAME'}"
-        + ("" if guess and not guess.is_unit_assumed else ":UNIT")
-        for name, guess in guesses.items()
-    )
+    guesses = ((quantity.name, guess) for quantity, _, guess in missing)
+    likely = [f"'{guess.header}' is likely the {name}" for name, guess in guesses if guess]
+    option = ",".join(one.option for one in missing)
     names = ", ".join(f"'{one.quantity.examples[0]}'" for one in missing)
     values = {"likely": "; ".join(likely) or None, "option": option, "names": names}
     return "columns.missing-several", values

@@ -172,7 +172,11 @@ class Header:
     @cached_property
     def is_record(self) -> bool:
         """True if there are names of a clock, a current and a voltage."""
-        return len(self.names) > 2 and _are_of_record(self.columns)
+        return self._names_record(self.columns)
+
+    def _names_record(self, columns: Mapping[str, Column]) -> bool:
+        names = columns.keys() if len(self.names) > 2 else set()
+        return "voltage" in names and bool(names & _CURRENTS) and bool(names & _CLOCKS)
 
     @cached_property
     def ocv_columns(self) -> Mapping[str, Column]:
@@ -185,9 +189,8 @@ class Header:
         the clock or the current of one."""
         if "SOC" not in self.ocv_columns or len(self.ocv_columns) < 2:
             return False
-        return not self.given_columns.keys() & (_CLOCKS | _CURRENTS) and not (
-            len(self.names) > 2 and _are_of_record(self._named)
-        )
+        is_given = self.given_columns.keys() & (_CLOCKS | _CURRENTS)
+        return not is_given and not self._names_record(self._named)
 
     @cached_property
     def other_table(self) -> str | None:
@@ -238,19 +241,13 @@ class Header:
 
         Without a unit, the one at the end of the name holds, or the quantity's own.
         """
+        if fitting := self.fitting(given):
+            return _with_its_unit(fitting[0], self.names[fitting[0]], quantity)
         name, _, spelled = given.rpartition(":")
-        unit = unit_of(quantity, spelled) if name else None
-        fitting = self.fitting(given)
-        if fitting or unit is None:
-            unit = None
-        else:
-            fitting = self.fitting(name)
-        if not fitting:
+        unit, fitting = unit_of(quantity, spelled), self.fitting(name)
+        if not (name and unit and fitting):
             return None
-        index = fitting[0]
-        if unit is None:
-            return _with_its_unit(index, self.names[index], quantity)
-        return Column(index, self.names[index], quantity, unit, False, is_unit_given=True)
+        return Column(fitting[0], self.names[fitting[0]], quantity, unit, False, is_unit_given=True)
 
     def fitting(self, given: str) -> list[int]:
         """The columns that a user's name fits best: written so, or else spelled otherwise, or else
@@ -284,7 +281,7 @@ class Header:
         spelled = [
             (column, unit_of(column.quantity, units[index]))
             for index, column in columns.items()
-            if units[index] and column.quantity.is_required
+            if units[index] and column.quantity.name in NEEDED
         ]
         agree = (unit and (own.is_unit_assumed or unit == own.unit) for own, unit in spelled)
         if not spelled or not all(agree):
@@ -297,12 +294,6 @@ class Header:
             for index, (name, unit) in enumerate(zip(self.names, units, strict=False))
         )
         return Header(tuple(names), self.given)
-
-
-def _are_of_record(columns: Mapping[str, Column]) -> bool:
-    """True if the columns are of a clock, a current and a voltage."""
-    names = columns.keys()
-    return "voltage" in names and bool(names & _CURRENTS) and bool(names & _CLOCKS)
 
 
 def read_columns(given: Mapping[str, str] | str) -> dict[str, str]:

@@ -12,20 +12,24 @@ as noise is: its differences have a correlation of -1/2 with the next.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from ..errors import counted
+from ..settings import AutoHold
 from .counters import inner
 from .lag import lagged
-from .logger import SOMETIMES, Decision, Hold, Logger, SamplingEvidence, SlowRows
+from .logger import SOMETIMES, Decision, Logger, SamplingEvidence, SlowRows
 from .record import Record
 from .samples import SLOW_S, Samples, changes_through_values_between
 
 Increments = Float[np.ndarray, "intervals"]
+Rows = Float[np.ndarray, "rows"]
+# Ah of intervals: as counted, and by their last and their first sample's current.
+Ledger = Float[np.ndarray, "3 intervals"]
 
 # Inside a drive cycle that beats against the log, some dozens of intervals in a row can look like
 # either hold, so the intervals at large must agree far better than the changes of step.
@@ -38,25 +42,7 @@ _AGREEING = 0.8
 _FALLS = 0.05
 
 
-@dataclass(frozen=True)
-class _Ledger:
-    """Ah an interval: as counted, and by its last and its first sample's current."""
-
-    counted_ah: Increments
-    backward_ah: Increments
-    forward_ah: Increments
-
-    def at(self, chosen: Bool[np.ndarray, "intervals"] | Int[np.ndarray, "chosen"]) -> "_Ledger":
-        return _Ledger(self.counted_ah[chosen], self.backward_ah[chosen], self.forward_ah[chosen])
-
-    def fractions(self) -> Increments:
-        """The share of each interval for which its last sample's current flowed."""
-        return (self.counted_ah - self.forward_ah) / (self.backward_ah - self.forward_ah)
-
-
-def decide_hold(
-    evidence: SamplingEvidence, given: Hold | Literal["auto"], logger: Logger | None = None
-) -> Decision:
+def decide_hold(evidence: SamplingEvidence, given: AutoHold, logger: Logger | None) -> Decision:
     """The record's hold: given, else by its counters, else that of its logger."""
     if given == "auto":
         return (logger or Logger.of([evidence])).sampling(evidence)
@@ -112,14 +98,14 @@ def _from_counters(samples: Samples) -> Decision | None:
     change of step decides, unless the other intervals are against it.
     """
     telling, places = _ledger(samples)
-    apart_ah = np.abs(telling.backward_ah - telling.forward_ah)
+    apart_ah = np.abs(telling[1] - telling[2])
     if not apart_ah.any():
         return None
     # As shares, for the squares of absurd charges are beyond all numbers.
     weight = (apart_ah / apart_ah.max()) ** 2
-    fraction = float(np.average(telling.fractions(), weights=weight))
+    fraction = float(np.average(_fractions(telling), weights=weight))
     step = np.zeros(len(samples)) if samples.step is None else samples.step
-    at_changes = telling.at(step[places + 1] != step[places])
+    at_changes = telling[:, step[places + 1] != step[places]]
     decision = _verdict(at_changes, "change", **_AT_CHANGES)
     decision = decision or _verdict(telling, "interval", **_ANYWHERE)
     if decision is None:
@@ -135,20 +121,25 @@ def _from_counters(samples: Samples) -> Decision | None:
     return replace(decision, reason=reason)
 
 
-def _verdict(ledger: _Ledger, word: str, *, fewest: int, margin: float) -> Decision | None:
+def _fractions(ledger: Ledger) -> Increments:
+    """The share of each interval for which its last sample's current flowed."""
+    counted_ah, backward_ah, forward_ah = ledger
+    return (counted_ah - forward_ah) / (backward_ah - forward_ah)
+
+
+def _verdict(ledger: Ledger, word: str, *, fewest: int, margin: float) -> Decision | None:
     """The hold that these intervals prove, if they do.
 
     Its residual must be below `margin` times the other's, and most intervals must agree, one by
     one: a large one alone proves nothing.
     """
-    count = len(ledger.counted_ah)
+    count = ledger.shape[1]
     if count < fewest:
         return None
-    backward = _spread(ledger.counted_ah - ledger.backward_ah)
-    forward = _spread(ledger.counted_ah - ledger.forward_ah)
+    backward, forward = map(_spread, ledger[0] - ledger[1:])
     hold, which = ("backward", "last") if backward < forward else ("forward", "first")
     better, worse = sorted((backward, forward))
-    agreeing = float(np.mean((ledger.fractions() > 0.5) == (hold == "backward")))
+    agreeing = float(np.mean((_fractions(ledger) > 0.5) == (hold == "backward")))
     if better > margin * worse or agreeing < _AGREEING:
         return None
     places = counted(count, word) + (" of step" if word == "change" else "")
@@ -159,7 +150,7 @@ def _verdict(ledger: _Ledger, word: str, *, fewest: int, margin: float) -> Decis
     return Decision(hold, "strong", reason)
 
 
-def _ledger(samples: Samples) -> tuple[_Ledger, Int[np.ndarray, "telling"]]:
+def _ledger(samples: Samples) -> tuple[Ledger, Int[np.ndarray, "telling"]]:
     """The ampere-hours of the intervals that tell, and their places.
 
     An interval tells where its two currents differ by far more than the counters resolve, and
@@ -171,7 +162,7 @@ def _ledger(samples: Samples) -> tuple[_Ledger, Int[np.ndarray, "telling"]]:
     if counted_ah is None:
         counted_ah = counters.increments_ah(with_net=True)
     if counted_ah is None or not counted_ah.any():
-        return _Ledger(*np.zeros((3, 0))), np.zeros(0, int)
+        return np.zeros((3, 0)), np.zeros(0, int)
     moved_ah = samples.ended_ah, samples.begun_ah
     if is_unsigned:
         moved_ah = tuple(map(np.abs, moved_ah))
@@ -184,13 +175,12 @@ def _ledger(samples: Samples) -> tuple[_Ledger, Int[np.ndarray, "telling"]]:
     floor_ah = max(5 * quantum_ah, 0.01 * float(largest_ah))
     apart_ah = backward_ah - forward_ah
     places = np.flatnonzero((apart_ah > floor_ah) | (apart_ah < -floor_ah))
-    ledger = _Ledger(counted_ah, backward_ah, forward_ah).at(places)
-    ends_ah = np.maximum(np.abs(ledger.backward_ah), np.abs(ledger.forward_ah))
-    is_reset = np.abs(ledger.counted_ah) > 2 * ends_ah + quantum_ah
+    ledger = np.stack([own_ah[places] for own_ah in (counted_ah, backward_ah, forward_ah)])
+    is_reset = np.abs(ledger[0]) > 2 * np.abs(ledger[1:]).max(axis=0) + quantum_ah
     for counter_ah in (counters.charged_ah, counters.discharged_ah):
         if counter_ah is not None:
             is_reset |= counter_ah[places + 1] < counter_ah[places]
-    return ledger.at(~is_reset), places[~is_reset]
+    return ledger[:, ~is_reset], places[~is_reset]
 
 
 def _spread(values: Increments) -> float:
@@ -228,11 +218,7 @@ def slow_rows(samples: Samples) -> SlowRows | None:
     return SlowRows(*shown, rows, rows * correlation, rows * _innovation(left_v, moved_v))
 
 
-def _left_v(
-    current_a: Float[np.ndarray, "rows"],
-    voltage_v: Float[np.ndarray, "rows"],
-    charge_ah: Float[np.ndarray, "rows"],
-) -> tuple[Float[np.ndarray, "rows"], Float[np.ndarray, "rows"]] | None:
+def _left_v(current_a: Rows, voltage_v: Rows, charge_ah: Rows) -> tuple[Rows, Rows] | None:
     """Residuals of the voltage's differences after R0 and OCV over SOC and pairs, and those."""
     moved_v = np.diff(voltage_v)
     if not np.ptp(charge_ah) > 0:
@@ -256,13 +242,13 @@ def _left_v(
     return (left_v, moved_v) if np.any(left_v) else None
 
 
-def _hats(at: Float[np.ndarray, "rows"], first: float, nodes: int) -> list[np.ndarray]:
+def _hats(at: Rows, first: float, nodes: int) -> list[np.ndarray]:
     """Columns of a table over SOC that is linear between even nodes."""
     places = np.linspace(first, 1.0, nodes)
     return [np.maximum(1 - np.abs(at - place) / (places[1] - places[0]), 0.0) for place in places]
 
 
-def _innovation(left_v: Float[np.ndarray, "rows"], moved_v: Float[np.ndarray, "rows"]) -> float:
+def _innovation(left_v: Rows, moved_v: Rows) -> float:
     """The innovations of the voltage as a share of what it moves, by its median block.
 
     The most likely share of a random walk beside white noise, by Whittle's likelihood.

@@ -45,6 +45,7 @@ _FEWEST, _STEP_SHARE, _EVEN = 200, 0.05, 0.1
 Intervals = Float[np.ndarray, "intervals"]
 Rows = Float[np.ndarray, "samples"]
 Table = Float[np.ndarray, "places changes"]
+Voltages = Float[np.ndarray, "samples cells"]
 
 
 @dataclass(frozen=True)
@@ -54,33 +55,27 @@ class Lag:
     Attributes:
         seconds: The lag; negative where the voltage is newer.
         samples: The same in samples.
+        error: Its standard error in samples.
         ohm: What the voltage shows of a step of the current, at once but for the lag.
+        is_certain: False where there may be none.
     """
 
     seconds: float
     samples: float
+    error: float
     ohm: float
+    is_certain: bool
 
 
 def find_lag(record: Record) -> Lag | None:
     """The lag of a record's voltage, None where it shows none for certain."""
     whole = whole_lag(record.interval_s, record.current_a, record.voltage_v)
-    fitted = _fitted(record, record.voltage_v, whole)
-    return None if fitted is None else _certain(fitted, _usual_s(record.interval_s))
+    lag = _fitted(record, record.voltage_v, whole)
+    return lag if lag is not None and lag.is_certain else None
 
 
-@dataclass(frozen=True)
-class _Fitted:
-    """Answers b_j to a step, and the lag in samples, of which some are whole, with its error."""
-
-    ohm: Float[np.ndarray, "3"]
-    whole: int
-    samples: float
-    error: float
-
-
-def _fitted(record: Record, voltage_v: Rows, whole: int) -> _Fitted | None:
-    """The fit of a voltage that is about so many whole samples older than the record's current;
+def _fitted(record: Record, voltage_v: Rows, whole: int) -> Lag | None:
+    """The lag of a voltage that is about so many whole samples older than the record's current;
     None where its steps are too few."""
     moves = _changes(record.interval_s, record.current_a, _NEAR, _MANY)
     if moves is None or not np.ptp(voltage_v):
@@ -92,22 +87,16 @@ def _fitted(record: Record, voltage_v: Rows, whole: int) -> _Fitted | None:
     products = parts.sum(axis=0)
     ohm, _ = _answers(products, scale)
     of_parts = np.array([_answers(products - part, scale)[0] for part in parts])
-    error = np.sqrt((_PARTS - 1) * np.var(_share(of_parts.T)))
-    return _Fitted(ohm, whole, float(whole + _share(ohm)), float(error))
-
-
-def _certain(fitted: _Fitted, usual_s: float) -> Lag | None:
-    """The lag of a fit, None where it may be none."""
-    ohm, whole, samples, error = fitted.ohm, fitted.whole, fitted.samples, fitted.error
+    error = float(np.sqrt((_PARTS - 1) * np.var(_share(of_parts.T))))
+    samples, usual_s = float(whole + _share(ohm)), _usual_s(record.interval_s)
     first, at_once, last = ohm
     beside, other = (last, first) if samples > whole else (first, last)
     # Beside whole samples there may be no part of one.
     least_ohm = max(_OTHER_SIDE * beside, _LEAST * at_once if whole else 0.0)
     is_sure = max(_LEAST, _SURE * error) < abs(samples) < 1 + abs(whole) and ohm.sum() > 0
     is_part = usual_s > _SLOWEST_S and not (whole and abs(samples - whole) < _NEARLY)
-    if not is_sure or is_part or abs(other) > least_ohm:
-        return None
-    return Lag(float(samples * usual_s), float(samples), float(ohm.sum()))
+    is_certain = bool(is_sure and not is_part and abs(other) <= least_ohm)
+    return Lag(samples * usual_s, samples, error, float(ohm.sum()), is_certain)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,9 +113,7 @@ class Scan:
     error_s: Float[np.ndarray, "cells"]
     ohm: Float[np.ndarray, "cells"]
 
-    def aligned_v(
-        self, record: Record, cells_v: Float[np.ndarray, "samples cells"]
-    ) -> Float[np.ndarray, "samples cells"]:
+    def aligned_v(self, record: Record, cells_v: Voltages) -> Voltages:
         """The voltages as if all had the mean lag; `record` is of their mean, before any lag.
 
         Between rows everything is taken for linear, so that a lag of x samples leaves x D v of the
@@ -149,19 +136,17 @@ class Scan:
         return 1.96 * np.abs(self.error_s / _usual_s(record.interval_s) * self.ohm * share)
 
 
-def find_scan(record: Record, cells_v: Float[np.ndarray, "samples cells"]) -> Scan | None:
+def find_scan(record: Record, cells_v: Voltages) -> Scan | None:
     """The lags of cells beside the current of a record without a lag; None where all have one."""
     whole = whole_lag(record.interval_s, record.current_a, record.voltage_v)
     fits = [_fitted(record, voltage_v, whole) for voltage_v in cells_v.T]
-    fits = [fitted for fitted in fits if fitted is not None]
+    lags = [lag for lag in fits if lag is not None]
+    if len(lags) < cells_v.shape[1] or not any(lag.is_certain for lag in lags):
+        return None
+    samples, error, ohm = np.array([(lag.samples, lag.error, lag.ohm) for lag in lags]).T
+    if not np.ptp(samples) > max(_LEAST, 2 * _SURE * float(np.median(error))):
+        return None
     usual_s = _usual_s(record.interval_s)
-    if len(fits) < cells_v.shape[1] or not any(_certain(fitted, usual_s) for fitted in fits):
-        return None
-    samples, error = np.array([(fitted.samples, fitted.error) for fitted in fits]).T
-    apart = np.ptp(samples)
-    if not apart > max(_LEAST, 2 * _SURE * float(np.median(error))):
-        return None
-    ohm = np.array([fitted.ohm.sum() for fitted in fits])
     return Scan(samples * usual_s, error * usual_s, ohm)
 
 
@@ -323,16 +308,11 @@ def answers_ohm(record: Record) -> Known | None:
     return answers[:_ANSWERS], variance_v2 * inverse[:_ANSWERS, :_ANSWERS]
 
 
-def late_answers_ohm(record: Record) -> tuple[float, float, float] | None:
-    """The answers of the voltage to a step of the current at once, one sample later and after that.
+def late_r0_ohm(known: Known | None) -> float | None:
+    """The answers to a step of the current at once and one sample later, added up.
 
     None where nothing is late. A second answer far above what the third leaves it is late.
     """
-    return late_of(answers_ohm(record))
-
-
-def late_of(known: Known | None) -> tuple[float, float, float] | None:
-    """The first three answers, if the second is late."""
     if known is None:
         return None
     answers, covariance = known
@@ -342,5 +322,4 @@ def late_of(known: Known | None) -> tuple[float, float, float] | None:
     error_ohm = np.sqrt(late @ covariance @ late)
     if not ohm > max(_LATE_SHARE * whole, LATE_SURE * error_ohm) or np.min(answers[:2]) <= 0:
         return None
-    first, second, third = answers[:3].tolist()
-    return first, second, third
+    return whole

@@ -10,9 +10,13 @@ CELL_RANGE_V = (0.5, 6.0)
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit: its value times `factor` plus `offset` is in the quantity's base unit."""
+    """A unit: its value times `factor` plus `offset` is in the quantity's base unit.
+
+    `spelled` are its spellings, lower case with bars between them.
+    """
 
     symbol: str
+    spelled: str = ""
     factor: float = 1.0
     offset: float = 0.0
     words: str = ""
@@ -47,10 +51,6 @@ class Quantity:
     def base_unit(self) -> Unit:
         return next(iter(self.units.values()))
 
-    @property
-    def is_required(self) -> bool:
-        return self.name in NEEDED
-
     def name_in(self, symbol: str) -> str | None:
         """A name for its column in that unit; None where it has no example of one."""
         return f"{self.examples[0].partition(' / ')[0]} / {symbol}" if self.examples else None
@@ -60,50 +60,41 @@ class Quantity:
 NEEDED = frozenset({"time", "current", "voltage"})
 
 
-def _units(spellings: Mapping[Unit, str]) -> dict[str, Unit]:
-    return {name: unit for unit, names in spellings.items() for name in names.split("|")}
+def _units(*units: Unit) -> dict[str, Unit]:
+    """Units by their spellings."""
+    return {name: unit for unit in units for name in unit.spelled.split("|")}
 
 
 _SECONDS = _units(
-    {
-        Unit("s", words="seconds"): "s|sec|secs|second|seconds|sekunden|秒|초",
-        Unit("ms", 1e-3, words="milliseconds"): "ms|msec|millisecond|milliseconds",
-        Unit("us", 1e-6, words="microseconds"): "us|usec|microsecond|microseconds",
-        Unit("ns", 1e-9, words="nanoseconds"): "ns|nsec|nanosecond|nanoseconds",
-        Unit("min", 60.0, words="minutes"): "min|mins|minute|minutes|minuten|分|分钟|분",
-        Unit("h", 3600.0, words="hours"): "h|hr|hrs|hour|hours|stunden|std|小时|時間|시간",
-        Unit("d", 86400.0, words="days"): "d|day|days",
-    }
+    Unit("s", "s|sec|secs|second|seconds|sekunden|秒|초", words="seconds"),
+    Unit("ms", "ms|msec|millisecond|milliseconds", 1e-3, words="milliseconds"),
+    Unit("us", "us|usec|microsecond|microseconds", 1e-6, words="microseconds"),
+    Unit("ns", "ns|nsec|nanosecond|nanoseconds", 1e-9, words="nanoseconds"),
+    Unit("min", "min|mins|minute|minutes|minuten|分|分钟|분", 60.0, words="minutes"),
+    Unit("h", "h|hr|hrs|hour|hours|stunden|std|小时|時間|시간", 3600.0, words="hours"),
+    Unit("d", "d|day|days", 86400.0, words="days"),
 )
+_MILLI = "milliamp|milliamps|milliampere|milliamperes"
 _AMPERES = _units(
-    {
-        Unit("A", words="amperes"): "a|amp|amps|ampere|amperes|安",
-        Unit(
-            "mA", 1e-3, words="milliamperes"
-        ): "ma|毫安|milliamp|milliamps|milliampere|milliamperes",
-        Unit("uA", 1e-6, words="microamperes"): "ua|microamp|microamps|microampere|microamperes",
-    }
+    Unit("A", "a|amp|amps|ampere|amperes|安", words="amperes"),
+    Unit("mA", f"ma|毫安|{_MILLI}", 1e-3, words="milliamperes"),
+    Unit("uA", "ua|microamp|microamps|microampere|microamperes", 1e-6, words="microamperes"),
 )
 _VOLTS = _units(
-    {Unit("V"): "v|volt|volts|v vs. ref.|伏", Unit("mV", 1e-3): "mv|millivolt|millivolts"}
+    Unit("V", "v|volt|volts|v vs. ref.|伏"), Unit("mV", "mv|millivolt|millivolts", 1e-3)
 )
+_OF_MAH = "mah|ma.h|ma·h|ma h|mahr|mamp-hr|milliampere hour|milliamp hour|毫安时"
 _AMPERE_HOURS = _units(
-    {
-        Unit("Ah"): "ah|a.h|a·h|a h|ahr|a-hr|amp-hr|ampere hour|amp hour|amp hours|安时",
-        Unit(
-            "mAh", 1e-3, words="milliampere-hours"
-        ): "mah|ma.h|ma·h|ma h|mahr|mamp-hr|milliampere hour|milliamp hour|毫安时",
-    }
+    Unit("Ah", "ah|a.h|a·h|a h|ahr|a-hr|amp-hr|ampere hour|amp hour|amp hours|安时"),
+    Unit("mAh", _OF_MAH, 1e-3, words="milliampere-hours"),
 )
 _DEGREES = _units(
-    {
-        Unit("degC"): "degc|deg c|c|°c|oc|celsius|celcius|degree celsius|degrees celsius",
-        Unit("K", 1.0, -273.15): "k|kelvin",
-        Unit("degF", 5 / 9, -160 / 9): "degf|deg f|f|°f|fahrenheit",
-    }
+    Unit("degC", "degc|deg c|c|°c|oc|celsius|celcius|degree celsius|degrees celsius"),
+    Unit("K", "k|kelvin", offset=-273.15),
+    Unit("degF", "degf|deg f|f|°f|fahrenheit", 5 / 9, -160 / 9),
 )
-_COUNTS = _units({Unit("1"): "1|dimensionless|unitless"})
-_FRACTIONS = _units({Unit("1"): "1|-", Unit("%", 0.01): "%|percent|pct"})
+_COUNTS = _units(Unit("1", "1|dimensionless|unitless"))
+_FRACTIONS = _units(Unit("1", "1|-"), Unit("%", "%|percent|pct", 0.01))
 
 QUANTITIES: tuple[Quantity, ...] = (
     Quantity(

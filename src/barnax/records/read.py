@@ -8,20 +8,21 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, TypeVar, get_args
+from typing import Any, get_args
 
 import numpy as np
 
 from ..errors import InputError
 from ..notices import Notice, raise_first_error
+from ..settings import AutoHold, AutoSign
 from .clock import examine_clock, examine_repeats, merge_repeats, separate_steps
 from .column_rules import examine_columns
 from .columns import NOTHING, Header, read_columns
 from .counters import skipped_ah
-from .dialects import CHARGE, Sign
+from .dialects import CHARGE
 from .hold import decide_hold, evidence_of
 from .lag import aligned
-from .logger import Decision, Hold
+from .logger import Decision
 from .quantities import NEEDED
 from .record import Record
 from .samples import Samples, samples_of
@@ -39,7 +40,6 @@ from .source import Source, read_source, source_from_frame
 from .table import examine_cells, few_common_rows, take_lines
 from .twins import examine_twins
 
-Values = TypeVar("Values", np.ndarray, np.ndarray | None)
 # A data frame of pandas, Polars, PyArrow or another library that narwhals supports.
 Frame = Any
 
@@ -105,8 +105,8 @@ def examine(source: Source, capacity_ah: float | None = None) -> Examined:
 def read_record(
     source: str | Path | Source,
     *,
-    current_sign: Sign | Literal["auto"] = "auto",
-    current_hold: Hold | Literal["auto"] = "auto",
+    current_sign: AutoSign = "auto",
+    current_hold: AutoHold = "auto",
     voltage_lag: float | None = None,
     columns: Mapping[str, str] | str = NOTHING,
     series: int = 1,
@@ -139,9 +139,9 @@ def read_record(
     >>> record.sign.value, float(record.current_a.max())
     ('charge-positive', 0.001)
     """
-    chosen = {"current_sign": (current_sign, Sign), "current_hold": (current_hold, Hold)}
+    chosen = {"current_sign": (current_sign, AutoSign), "current_hold": (current_hold, AutoHold)}
     for option, (value, kind) in chosen.items():
-        if value not in (allowed := ("auto", *get_args(kind))):
+        if value not in (allowed := get_args(kind)):
             raise InputError(f"`{option}` is {value!r}; it must be one of {', '.join(allowed)}.")
     if not isinstance(source, Source):
         source = read_source(source, columns=columns, series=series)
@@ -168,8 +168,8 @@ def record_from_frame(
     frame: Frame,
     *,
     name: str = "data frame",
-    current_sign: Sign | Literal["auto"] = "auto",
-    current_hold: Hold | Literal["auto"] = "auto",
+    current_sign: AutoSign = "auto",
+    current_hold: AutoHold = "auto",
     voltage_lag: float | None = None,
     columns: Mapping[str, str] | str = NOTHING,
     series: int = 1,
@@ -203,9 +203,7 @@ def record_from_frame(
     return read_record(source, **how, voltage_lag=voltage_lag)
 
 
-def make_record(
-    source: Source, samples: Samples, sign: Decision, current_hold: Hold | Literal["auto"]
-) -> Record:
+def make_record(source: Source, samples: Samples, sign: Decision, current_hold: AutoHold) -> Record:
     """The record of a source's checked samples, turned to discharge-positive.
 
     Sign and hold are those of the whole file, of which the source may be a part.
@@ -215,38 +213,30 @@ def make_record(
     samples = source.cut(samples)
     if samples.too_short:
         raise samples.too_short.about(source.name).error(".")
-    turn = -1.0 if sign.value == CHARGE else 1.0
+
+    def turned(values: np.ndarray) -> np.ndarray:
+        # Adding zero makes the -0.0 of a resting tester a plain zero.
+        return (-1.0 if sign.value == CHARGE else 1.0) * values + 0.0
+
     held_ah = samples.held_ah(hold.value)
     counted_ah = samples.counters.charge_ah(held_ah, samples.is_loaded)
     hidden_ah = None if counted_ah is None else skipped_ah(counted_ah, held_ah, samples.max_ah)
     record = Record(
         name=source.name,
-        time_s=_own(samples.time_s),
-        current_a=_own(_turned(samples.current_a, turn)),
-        voltage_v=_own(samples.voltage_v),
-        temperature_degc=_own(samples.values.get("temperature")),
-        step=_own(samples.step),
-        row=_own(samples.row),
+        time_s=samples.time_s,
+        current_a=turned(samples.current_a),
+        voltage_v=samples.voltage_v,
+        temperature_degc=samples.values.get("temperature"),
+        row=samples.row,
         sign=sign,
         hold=hold,
         sha256=source.sha256,
-        charge_ah=_own(_turned(counted_ah, turn)),
-        skipped_ah=_own(_turned(hidden_ah, turn)),
-        cycle=_own(samples.values.get("cycle")),
-        state=_own(samples.state),
+        charge_ah=None if counted_ah is None else turned(counted_ah),
+        skipped_ah=None if hidden_ah is None else turned(hidden_ah),
+        step=samples.step,
+        cycle=samples.values.get("cycle"),
+        state=samples.state,
         zero_date_s=samples.zero_date_s,
         evidence=evidence,
     )
     return record if counted_ah is not None else replace(record, flowing=flowing_shares(record))
-
-
-def _turned(values: Values, turn: float) -> Values:
-    # Adding zero makes the -0.0 of a resting tester a plain zero.
-    return values * turn + 0.0 if isinstance(values, np.ndarray) else values  # pyrefly: ignore
-
-
-def _own(values: Values) -> Values:
-    """The values, no longer to be written to, which saves a record its copy."""
-    if isinstance(values, np.ndarray):
-        values.flags.writeable = False
-    return values

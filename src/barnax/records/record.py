@@ -27,6 +27,7 @@ _NAMED_DEGC = re.compile(
 )
 
 Places = Int[np.ndarray, "places"]
+Channel = Float[np.ndarray, "samples"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -64,10 +65,10 @@ class Record(Brief):
     """
 
     name: str
-    time_s: Float[np.ndarray, "samples"]
-    current_a: Float[np.ndarray, "samples"]
-    voltage_v: Float[np.ndarray, "samples"]
-    temperature_degc: Float[np.ndarray, "samples"] | None
+    time_s: Channel
+    current_a: Channel
+    voltage_v: Channel
+    temperature_degc: Channel | None
     step: Int[np.ndarray, "samples"] | None
     row: Int[np.ndarray, "samples"]
     sign: Decision
@@ -75,7 +76,7 @@ class Record(Brief):
     sha256: str
     warnings: tuple[Notice, ...] = ()
     notes: tuple[Notice, ...] = ()
-    charge_ah: Float[np.ndarray, "samples"] | None = None
+    charge_ah: Channel | None = None
     skipped_ah: Float[np.ndarray, "intervals"] | None = None
     flowing: Float[np.ndarray, "intervals"] | None = None
     cycle: Int[np.ndarray, "samples"] | None = None
@@ -117,7 +118,7 @@ class Record(Brief):
         return held_a if self.flowing is None else self.flowing * held_a
 
     @property
-    def discharged_ah(self) -> Float[np.ndarray, "samples"]:
+    def discharged_ah(self) -> Channel:
         """Ampere-hours taken out since the first sample: integrated, and counted where skipped."""
         return np.concatenate([np.zeros(1), np.cumsum(self.moved_ah)])
 
@@ -222,7 +223,7 @@ class Segments:
             return max(last, 0), 0.0
         return last, float(self.record.time_s[last] - self.record.time_s[self.loaded[at - 1]])
 
-    def directions(self, initial: int = 1) -> Float[np.ndarray, "samples"]:
+    def directions(self, initial: int = 1) -> Channel:
         """The last direction of the current: +1 charging, -1 discharging (Sig of Eq. 5).
 
         At rest the last direction goes on; before the first one it is `initial`, +1 for a cell that
@@ -310,7 +311,7 @@ def in_means(record: Record, interval_s: float) -> Record:
     first = np.flatnonzero(is_first)
     counts = np.diff(np.append(first, record.samples))
 
-    def mean(values: Float[np.ndarray, "samples"]) -> Float[np.ndarray, "means"]:
+    def mean(values: Channel) -> Float[np.ndarray, "means"]:
         return np.add.reduceat(values, first) / counts
 
     columns = "temperature_degc", "step", "row", "charge_ah", "cycle", "state"
@@ -357,9 +358,7 @@ _STEP_SHARE, LEAST_REACH, _ENDS = 0.1, 0.05, (0.05, 0.95)
 _FEWEST_STEPS = 10
 
 
-def reach_of_steps(
-    current_a: Float[np.ndarray, "samples"], charge: Float[np.ndarray, "samples"]
-) -> float:
+def reach_of_steps(current_a: Channel, charge: Channel) -> float:
     """The charge, or the SOC, over which most of the current's steps reach; zero of few steps, as
     a charge at one current has them at its ends.
 

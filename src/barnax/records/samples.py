@@ -38,6 +38,8 @@ _FEWEST_SAMPLES, _SHORTEST_S = 5, 1e-6
 # The share of an interval by which few digits may change it.
 _ROUNDED = 0.6
 
+Steps = Float[np.ndarray, "steps"]
+
 
 class Samples(Lines):
     """The lines of a record: a number everywhere, in s, A and V; the current's sign is the file's.
@@ -287,9 +289,7 @@ def record_resistance_ohm(record: Record) -> float:
     return step_resistance_ohm(step_a[is_step], step_v[is_step])
 
 
-def step_resistance_ohm(
-    step_a: Float[np.ndarray, "steps"], step_v: Float[np.ndarray, "steps"], fewest: int = 3
-) -> float:
+def step_resistance_ohm(step_a: Steps, step_v: Steps, fewest: int = 3) -> float:
     """The median |dV/dI| of the larger half of the current steps; zero where they do not agree.
 
     They agree where most of dI dV has one sign: small steps among relaxations are outweighed.

@@ -314,7 +314,7 @@ def describe_units(columns: Mapping[str, Column]) -> Iterator[Notice]:
     bare = [column for column in columns.values() if column.is_unit_assumed]
     if bare:
         units = [f"{column.unit.symbol} for '{column.header.strip()}'" for column in bare]
-        needed = [column for column in bare if column.quantity.is_required] or bare
+        needed = [column for column in bare if column.quantity.name in NEEDED] or bare
         names = ", ".join(f"'{column.quantity.examples[0]}'" for column in needed)
         yield Notice("columns.units-assumed", {"units": ", ".join(units), "names": names})
     converted = [

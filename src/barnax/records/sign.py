@@ -6,13 +6,13 @@ discharge-positive), so they count only where the data say nothing.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from ..errors import counted
 from ..notices import Notice
+from ..settings import AutoSign
 from .counters import cosine
 from .dialects import CHARGE, DISCHARGE, Sign
 from .logger import Decision
@@ -36,14 +36,8 @@ class Evidence:
     def vote(self) -> int:
         return 1 if self.agreement > 0 else -1
 
-    @property
-    def weight(self) -> int:
-        return self.vote * (2 if self.is_strong else 1)
 
-
-def decide_sign(
-    samples: Samples, given: Sign | Literal["auto"], file: str
-) -> tuple[Decision, list[Notice]]:
+def decide_sign(samples: Samples, given: AutoSign, file: str) -> tuple[Decision, list[Notice]]:
     """The file's sign of current, and what is to be said of how it was found.
 
     Raises InputError when a sign is given against strong evidence.
@@ -89,7 +83,7 @@ def _weighed(evidence: Sequence[Evidence], vote: int = 0) -> Decision | None:
     """
     if not evidence:
         return None
-    total = sum(look.weight for look in evidence)
+    total = sum(look.vote * (2 if look.is_strong else 1) for look in evidence)
     vote = vote or int(np.sign(total)) or evidence[0].vote
     against = [look for look in evidence if look.vote == -vote]
     is_strong = vote * total >= 2 and not any(look.is_strong for look in against)

@@ -107,11 +107,10 @@ def refusing(damaged: str, missing: str = "") -> Iterator[None]:
     for which libraries raise errors of many kinds."""
     try:
         yield
-    except InputError:
-        raise
     except BaseException as error:
         # On a damaged file a library's Rust code raises what is no Exception.
-        if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
+        is_other = isinstance(error, InputError) or not isinstance(error, Exception)
+        if is_other and type(error).__name__ != "PanicException":
             raise
         words = missing if missing and isinstance(error, ImportError) else damaged
         raise InputError(words) from error

@@ -58,7 +58,7 @@ def _read(content: bytes, given: Mapping[str, str]) -> Table:
         tree = _of_hdf5(content) if is_hdf5 else _of_matlab_5(content)
     structs = dict(_structs(tree))
     if chosen := _chosen(structs, given):
-        return _table(chosen)
+        return Table.of(_frame(chosen))
     columns = {path: _columns(struct) for path, struct in structs.items()}
     headers = {path: Header(tuple(own), given) for path, own in columns.items()}
     chosen = [path for path, header in headers.items() if header.is_record]
@@ -72,7 +72,7 @@ def _read(content: bytes, given: Mapping[str, str]) -> Table:
     if len(records) == 1 or (scripts and len(scripts) == len(records)):
         first, *others = sorted(records)
         unused = Notice("columns.other-structs", {"used": first, "unused": ", ".join(others)})
-        return _table(records[first], (unused,) if others else ())
+        return Table.of(_frame(records[first]), notes=(unused,) if others else ())
     raise InputError(_refusal(structs, [*records]))
 
 
@@ -171,10 +171,6 @@ def _chosen(structs: Mapping[str, Struct], given: Mapping[str, str]) -> dict[str
         return {}
     others = {name: value for name, value in beside.items() if name not in taken}
     return chosen | {name: value for name, value in others.items() if len(value) == length}
-
-
-def _table(columns: Mapping[str, np.ndarray], notes: tuple[Notice, ...] = ()) -> Table:
-    return Table.of(_frame(columns), notes=notes)
 
 
 def _frame(columns: Mapping[str, np.ndarray]) -> pl.DataFrame:

@@ -82,7 +82,11 @@ def _read(content: bytes, given: Mapping[str, str]) -> Table:
     row = np.arange(lead + 1, lead + 1 + len(columns[0]))
     for place, dropped in reversed(breaks):
         row[row >= place] += dropped
-    table = Table(header, tuple(columns), row, notes=_notes(layout, breaks))
+    notes = [Notice("columns.rows-above", {"names_row": layout.above + 1})] if layout.above else []
+    if breaks:
+        again = ", ".join(str(place + dropped) for place, dropped in breaks[:5])
+        notes.append(Notice("columns.names-again", {"rows": again}))
+    table = Table(header, tuple(columns), row, notes=tuple(notes))
     return _without_headings(_within_the_names(_records_of_layers(table)))
 
 
@@ -333,16 +337,6 @@ def _without_headings(table: Table) -> Table:
     if not are_headings.any() or not table.header.is_record:
         return table
     return _kept(table, are_headings, "words")
-
-
-def _notes(layout: _Layout, breaks: list[tuple[int, int]]) -> tuple[Notice, ...]:
-    notes = []
-    if layout.above:
-        notes.append(Notice("columns.rows-above", {"names_row": layout.above + 1}))
-    if breaks:
-        rows = ", ".join(str(place + dropped) for place, dropped in breaks[:5])
-        notes.append(Notice("columns.names-again", {"rows": rows}))
-    return tuple(notes)
 
 
 TEXT = Reader("delimited text", is_text, _read)

@@ -42,16 +42,13 @@ for name in workbook.sheet_names:
 
 @dataclass(frozen=True)
 class _Names:
-    """A sheet's names, with the units below them, and how many rows stand above its numbers."""
+    """A sheet's names, with the units below them, and how many rows stand above both and above its
+    numbers."""
 
     above: int
     header: Header
-    rows: int = 1
+    body: int = 1
     height: int = field(default=0, compare=False)
-
-    @property
-    def body(self) -> int:
-        return self.above + self.rows
 
 
 def _recognizes(content: bytes) -> bool:
@@ -87,7 +84,7 @@ def _names(workbook: fastexcel.ExcelReader, name: str, given: Mapping[str, str])
         if header.is_record or header.is_ocv_table:
             below = headers[above + 1].names if above + 1 < len(headers) else ()
             named = header.with_units(below)
-            return _Names(above, named, 1 if named is header else 2, height)
+            return _Names(above, named, above + (1 if named is header else 2), height)
     return _Names(0, headers[0] if headers else Header((), given), height=height)
 
 

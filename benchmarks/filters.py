@@ -138,7 +138,7 @@ def estimate_rows(case: Case, replay: SocReplay) -> Iterator[tuple[str, bool]]:
 def plain_row(case: Case, result: barnax.Result, scenario: Scenario) -> str:
     """An extended filter of SOC and the pairs alone."""
     record = barnax.read_record(case.replayed)
-    prepared = prepare_record(record, result.cell_model, result.model, case.own(result))
+    prepared = prepare_record(record, result.cell, result.model, case.own(result))
     model = make_model(
         result.cell_at(), result.model, result.circuit_parameters, ErrorModel(PLAIN_V),
         rest_current_a=result.start_rest_current_a,
@@ -189,7 +189,7 @@ int main(void)
 def times(folder: Path, result: barnax.Result) -> Iterator[str]:
     """Warm times of a record, and of a sample in C."""
     record = barnax.read_record(folder / SAMSUNG / "us06_25degC_80soc_SP20-2.parquet")
-    prepared = prepare_record(record, result.cell_model, result.model, WINDOW)
+    prepared = prepare_record(record, result.cell, result.model, WINDOW)
     repeated = jax.tree.map(lambda each: jnp.tile(each, 2)[:SAMPLES], Drive.of(prepared))
     model = model_of(result, ("offset", "capacity"))
     start = model.start(0.9, 0.1, 1.0, 0.0)

@@ -16,17 +16,18 @@ from barnax.inputs import (
     read_validation,
     windows_of,
 )
+from barnax.job import Job
 from barnax.model.window import Window
 from barnax.notices import Notice
 from barnax.pipeline import identify
 from barnax.records import source_from_frame
-from barnax.settings import CellSettings, Reading
+from barnax.settings import Reading
 from helpers.records import logged
 
 
 def read(records, ocv=BUNDLED.ocv, validate=(), window=None, capacity=None, **reading):
-    given = list(ocv), list(validate), Reading(**reading), CellSettings(ocv_fit="polynomial")
-    return read_inputs(records, *given, capacity=capacity, window=window)
+    given = {"ocv": list(ocv), "validate": list(validate), "ocv_fit": "polynomial"}
+    return read_inputs(Job(records, **given, capacity=capacity, window=window, **reading))
 
 
 def test_a_record_without_an_ocv_test_is_refused_by_its_name():

@@ -13,7 +13,7 @@ from barnax.bundled import BUNDLED
 from barnax.errors import InputError
 from barnax.model.window import Window
 from barnax.records import read_record
-from barnax.reopening import Places
+from barnax.reopening import StoredInputs
 from barnax.reporting.illustrations import identification_illustrations
 from barnax.results import Result
 
@@ -114,14 +114,14 @@ def test_files_are_found_where_the_plan_beside_a_result_says_and_known_by_conten
     shutil.copy(BUNDLED.record, record)
     sha256 = hashlib.sha256(record.read_bytes()).hexdigest()
     with pytest.raises(InputError, match=r"drive\.parquet: not found in"):
-        Places.of(out).find("drive.parquet", sha256)
+        StoredInputs.of(out).find("drive.parquet", sha256)
     (out / "plan.toml").write_text(
         f'[[files]]\nfile = "{record.as_posix()}"\nrole = "identification"\n'
     )
-    assert Places.of(out).find("drive.parquet", sha256) == record
+    assert StoredInputs.of(out).find("drive.parquet", sha256) == record
     # Another's plan names what it likes: without a digest, nothing is taken from there.
     with pytest.raises(InputError, match="not found in"):
-        Places.of(out).find("drive.parquet", "")
+        StoredInputs.of(out).find("drive.parquet", "")
     shutil.copy(BUNDLED.validation, record)
     with pytest.raises(InputError, match="SHA-256 differs"):
-        Places.of(out).find("drive.parquet", sha256)
+        StoredInputs.of(out).find("drive.parquet", sha256)

@@ -21,7 +21,7 @@ def test_a_late_start_has_what_the_current_left_in_the_pairs():
     result, flowing_a = make_result("so-rc"), 4.0
     record = make_record(1500)
     record = replace(record, current_a=np.full(record.samples, flowing_a))
-    prepared = prepare_record(record, result.cell_model, "so-rc", Window(initial_soc=0.95))
+    prepared = prepare_record(record, result.cell, "so-rc", Window(initial_soc=0.95))
     model, scenario = model_of(result), Scenario("too high", soc_error=0.2)
     first = first_with_room(prepared.soc, scenario.soc_error)
     _, (state, _), drive = case_of(model, prepared, scenario, first, 0.1).given

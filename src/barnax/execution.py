@@ -5,6 +5,7 @@ import os
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
+from contextlib import AbstractContextManager, nullcontext
 from contextvars import ContextVar
 from typing import Any, ParamSpec, TypeVar
 
@@ -15,6 +16,13 @@ from jax.experimental.xla_metadata import set_xla_metadata
 
 P = ParamSpec("P")
 R = TypeVar("R")
+Watch = Callable[..., AbstractContextManager[Callable[[int], None]]]
+
+
+def unwatched(title: str, total: int = 0) -> AbstractContextManager[Callable[[int], None]]:
+    """Watch nothing."""
+    del title, total
+    return nullcontext(lambda gained: None)
 
 
 def in_float64(function: Callable[P, R]) -> Callable[P, R]:

@@ -13,9 +13,8 @@ import numpy as np
 from .blas import one_blas_thread
 from .cell import CircuitParameters
 from .errors import InputError
-from .execution import threads
+from .execution import Watch, threads
 from .global_optimum.search import GlobalOptimum, find_global_optimum, hold_warning
-from .inputs import Watch
 from .model.problem import Problem
 from .model.sampling import SHORT, least_r0_share, means_shifts_ohm, resampling
 from .notices import Notice

@@ -2,10 +2,10 @@
 
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,27 +18,21 @@ from .checks.sampling import OF_R0
 from .errors import InputError, printable
 from .model.window import Windows, first_sample, group_tests, scored_samples, temperature_of
 from .notices import Notice, raise_first_error
-from .records import Record, Source, read_record, read_source, source_from_frame
+from .records import Given, Record, Source, read_record, read_source, source_from_frame
 from .records.fingerprint import Content
 from .records.hold import sampled
 from .records.logger import loggers_of
 from .records.source import STDIN, STDIN_NAME
-from .settings import CellSettings, Reading, Window
+from .settings import OVER_TEMPERATURE, Reading, Window
 
-# A file or what was read of one, a `Record`, or a data frame.
-Given = Any
+if TYPE_CHECKING:
+    from .job import Job
+
 # Records and their temperatures.
 Measured = Sequence[tuple[str, float | None]]
-Watch = Callable[..., AbstractContextManager[Callable[[int], None]]]
 # What a data frame is called, and where another is beside it.
 FRAME = "data frame"
 _FRAMES = {"OCV test": "OCV data frame", "validation": "validation data frame"}
-
-
-def unwatched(title: str, total: int = 0) -> AbstractContextManager[Callable[[int], None]]:
-    """Watch nothing."""
-    del title, total
-    return nullcontext(lambda gained: None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,26 +52,13 @@ class Inputs:
         return {record.name for record in (*self.records, *self.validation)}
 
 
-def read_inputs(
-    records: Given | Sequence[Given],
-    ocv: Given | Sequence[Given],
-    validate: Given | Sequence[Given],
-    reading: Reading,
-    fits: CellSettings,
-    *,
-    capacity: float | None,
-    window: Windows,
-    cell: CellModel | None = None,
-    over_temperature: bool = False,
-    watch: Watch = unwatched,
-    without_test: Callable[[list[Record]], Any] | None = None,
-) -> Inputs:
+def read_inputs(job: "Job", without_test: Callable[[list[Record]], Any] | None = None) -> Inputs:
     """Every record once, with what the checks say of it, and the cell that is given or that the OCV
-    tests show; `over_temperature` those of each temperature by themselves. `without_test` fits the
-    cell of records that have no OCV test."""
-    given, tests, others = (listed(several) for several in (records, ocv, validate))
-    common = window_of(window, "")
-    capacity = common.capacity_ah if capacity is None else capacity
+    tests show; over temperature those of each by themselves. `without_test` fits the cell of
+    records that have no OCV test."""
+    given, tests, others = (listed(several) for several in (job.records, job.ocv, job.validate))
+    cell, common = job.cell, window_of(job.window, "")
+    capacity = common.capacity_ah if job.capacity is None else job.capacity
     if is_bundled := not given:
         if tests or others:
             raise InputError("give a record to identify on; `ocv` and `validate` need one")
@@ -93,17 +74,17 @@ def read_inputs(
         if isinstance(item, OcvTable):
             return item
         is_record, frame = isinstance(item, Record), _FRAMES.get(role, FRAME)
-        source: Any = item if is_record else source_of(item, names, reading, frame)
+        source: Any = item if is_record else source_of(item, names, job, frame)
         # Files have names of their own already; one that is given twice is told by its name.
         if role != "OCV test" and not isinstance(item, str | Path):
             source = numbered(source, called)
         if is_record:
             return source
         read = read_ocv_test if role == "OCV test" else read_record
-        looked_at.append((role, source, read(source, **how_read(reading, source.name, role))))
+        looked_at.append((role, source, read(source, **how_read(job, source.name, role))))
         return looked_at[-1][2]
 
-    with watch("Reading records", 0):
+    with job.watch("Reading records", 0):
         ocv_records = [take(source, "OCV test") for source in tests]
         dynamic = [take(source, "identification") for source in given]
         further = [take(source, "validation") for source in others]
@@ -118,30 +99,31 @@ def read_inputs(
         _require_different([*dynamic, *further])
         # A table has no samples of its own.
         _require_different([test for test in ocv_records if isinstance(test, Record)])
-    require_records(lags_of(reading), {source.name for _, source, _ in looked_at})
-    with watch("Characterizing the cell", 0):
+    require_records(lags_of(job), {source.name for _, source, _ in looked_at})
+    with job.watch("Characterizing the cell", 0):
         options = {"capacity_ah": capacity, "rest_current_a": common.rest_current_a}
-        options |= fits.of_curves
+        options |= job.of_curves
         is_fitted = not tests and cell is None
         fitted_ocv = without_test(dynamic) if is_fitted and without_test else None
         known: CellModel | None = fitted_ocv.cell if fitted_ocv else cell
-        shown = known or _characterized(ocv_records, window, over_temperature, options)
-    warnings = [] if is_bundled else _checked(looked_at, shown, capacity, window, reading)
+        shown = known or _characterized(ocv_records, job, options)
+    warnings = [] if is_bundled else _checked(looked_at, shown, capacity, job.window, job)
     return Inputs(dynamic, ocv_records, further, shown, tuple(warnings), fitted_ocv)
 
 
 def _characterized(
-    tests: Sequence[Record | OcvTable], window: Windows, over_temperature: bool, options: Any
+    tests: Sequence[Record | OcvTable], job: "Job", options: dict[str, Any]
 ) -> CellModel:
     """The cell of OCV tests: at each temperature by those of it, over temperature, and where they
     are not one test together."""
-    if over_temperature and (by_degc := group_tests(tests, window)):
+    is_over = job.over == OVER_TEMPERATURE
+    if is_over and (by_degc := group_tests(tests, job.window)):
         return characterize_over_temperature(by_degc, **options)
     try:
         return characterize(tests, **options)
     except InputError as problem:
         with suppress(InputError):
-            if by_degc := group_tests(tests, window):
+            if by_degc := group_tests(tests, job.window):
                 return characterize_over_temperature(by_degc, **options)
         raise problem
 

@@ -15,11 +15,12 @@ from typing import TYPE_CHECKING, Any, ParamSpec, Self, TypeVar, get_type_hints
 from .cell import CellModel, get_circuit
 from .display import brief
 from .errors import InputError, require_number
-from .inputs import Given, Watch, unwatched
+from .execution import Watch, unwatched
 from .model.search_space import Range
 from .model.window import Window, Windows
 from .optimizers import OPTIMIZERS
 from .over_soc.settings import TableSettings
+from .records import Given
 from .settings import (
     ARGS,
     CellSettings,

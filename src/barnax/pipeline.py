@@ -17,9 +17,10 @@ from .cell.parameters import RATE
 from .checks.against_cell import compare_resistances
 from .checks.roles import are_unfit
 from .checks.traits import MAX_HALF_WIDTH
+from .execution import unwatched
 from .global_optimum.search import with_better_directions, without_sweep_drop
 from .identification import search_and_assess
-from .inputs import Inputs, listed, read_inputs, telling, unwatched, windows_by_name, windows_of
+from .inputs import Inputs, listed, read_inputs, telling, windows_by_name, windows_of
 from .job import Job, takes_options
 from .model.prepared import PreparedRecord
 from .model.problem import Problem
@@ -86,12 +87,7 @@ def identify(job: Job) -> Result:
 def _identified(job: Job, of_plan: Sequence[Notice] = ()) -> Result:
     """The same, where every file has its role."""
     optimizer = make_optimizer(job.method, job.population, job.iterations)
-    inputs = read_inputs(
-        job.records, job.ocv, job.validate, job, job,
-        capacity=job.capacity, window=job.window, cell=job.cell,
-        over_temperature=job.over == OVER_TEMPERATURE, watch=job.watch,
-        without_test=partial(own_ocv_of, job),
-    )  # fmt: skip
+    inputs = read_inputs(job, partial(own_ocv_of, job))
     of_ocv = () if inputs.fitted_ocv is None else inputs.fitted_ocv.warnings
     inputs = replace(inputs, warnings=(*of_plan, *inputs.warnings, *of_ocv))
     with telling(inputs.warnings), job.watch("Choosing the circuit", 0):

@@ -5,35 +5,28 @@ searched again, and what they leave of each record has to be what they left then
 """
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from .bundled import BUNDLED
-from .cell import CellModel
 from .errors import InputError
-from .inputs import Given, read_validation, source_of, telling
-from .model.prepared import PreparedRecord, prepare_record
+from .inputs import source_of, telling
+from .model.prepared import prepare_record
 from .model.window import Window
 from .notices import Notice
 from .over_soc.fits import no_temperature
 from .over_soc.registration import rest_warnings
 from .plan import plan_from_toml
-from .records import Record, find_file, folders_around, read_record
+from .records import Given, Record, find_file, folders_around, read_record
 from .records.fingerprint import Content, read_fingerprint
-from .result_filter import window_of
-from .result_parts import InputPart, MetricsBlock, MetricsPart
+from .result_filter import read_for
+from .result_parts import InputPart, MetricsPart
 from .results import Result
-from .search.evaluate import (
-    Evaluation,
-    Evaluations,
-    evaluate,
-    evaluate_from_either,
-    with_registered,
-)
+from .search.evaluate import Evaluation, Evaluations, evaluate_from_either, with_registered
 from .settings import Reading
 
 # Across machines and versions a stored circuit's error agrees this closely, relative.
@@ -45,7 +38,7 @@ ROUNDED = 1e-11
 # What was read of a part of a file is named by the file and a number.
 PART = re.compile(r"#\d+$")
 
-By = Callable[[PreparedRecord], Evaluation]
+Data = str | Path | Sequence[str | Path] | Mapping[str, Given]
 
 
 def file_of(name: str) -> str:
@@ -54,21 +47,28 @@ def file_of(name: str) -> str:
 
 
 @dataclass(frozen=True)
-class Places:
-    """The folders in which a stored result's files are looked for, and the plan that may name more.
+class StoredInputs:
+    """The inputs of a stored result: given by their names, or looked for in folders, and where the
+    plan beside it says.
 
     Another's plan names folders as it likes: only what has a stored digest is taken from there.
     """
 
     folders: tuple[Path, ...]
     plan: Path
+    given: Mapping[str, Given]
+    reading: Reading
 
     @classmethod
-    def of(cls, path: Path, data: Iterable[Path] = ()) -> "Places":
-        """`data`, the result's own folder, the one above that, and the working folder."""
+    def of(cls, path: Path, data: Data = (), reading: Reading | None = None) -> "StoredInputs":
+        """Those of the result at `path`; folders are those of `data`, its own, the one above that,
+        and the working folder."""
         place = path if path.is_dir() else path.parent
-        folders = (*data, *folders_around(place), BUNDLED.record.parent)
-        return cls(tuple(dict.fromkeys(folders)), place / "plan.toml")
+        given = data if isinstance(data, Mapping) else {}
+        more = [data] if isinstance(data, str | Path) else () if given else data
+        folders = (*map(Path, more), *folders_around(place), BUNDLED.record.parent)
+        unique = tuple(dict.fromkeys(folders))
+        return cls(unique, place / "plan.toml", given, reading or Reading())
 
     def find(self, name: str, sha256: str) -> Path:
         """The file of that name and content. Raises `InputError` where there is none."""
@@ -84,33 +84,22 @@ class Places:
             return tuple({part.path.parent: None for part in plan_from_toml(self.plan).parts})
         return ()
 
-
-@dataclass(frozen=True)
-class Inputs:
-    """The inputs of a stored result: in folders, or given by their names."""
-
-    places: Places
-    given: Mapping[str, Given]
-    reading: Reading
-
     def read(self, part: InputPart) -> Record:
         """A record as it was identified on. Raises `InputError` where it is not there any more."""
         given = self.given.get(part.name)
         if given is None:
-            given = self.places.find(file_of(part.name), part.sha256)
-        decided: dict[str, Any] = {
-            "current_sign": part.sign.value if part.sign else "auto",
-            "current_hold": part.hold.value if part.hold else "auto",
-            "voltage_lag": part.voltage_lag_s,
-        }
+            given = self.find(file_of(part.name), part.sha256)
         if not isinstance(given, Record):
-            source = source_of(given, {}, self.reading)
+            source = replace(source_of(given, {}, self.reading), name=part.name)
             if PART.search(part.name) and part.fingerprint:
                 first_s, last_s = read_fingerprint(part.fingerprint)[0]
                 slack_s = ROUNDED * max(abs(first_s), abs(last_s))
                 source = replace(source, span_s=(first_s - slack_s, last_s + slack_s))
-            source = replace(source, name=part.name)
-            given = read_record(source, **decided)
+            decided: dict[str, Any] = {
+                "current_sign": part.sign.value if part.sign else "auto",
+                "current_hold": part.hold.value if part.hold else "auto",
+            }
+            given = read_record(source, voltage_lag=part.voltage_lag_s, **decided)
         if part.fingerprint and Content(given).fingerprint != part.fingerprint:
             raise InputError(
                 f"{part.name}: these are not the samples that the result is of; give what it was "
@@ -121,24 +110,15 @@ class Inputs:
         )
 
 
-def loaded(
-    kind: type[Result],
-    path: str | Path,
-    data: str | Path | Sequence[str | Path] | Mapping[str, Given],
-    columns: Mapping[str, str] | str,
-    series: int,
-) -> Result:
+def loaded(kind: type[Result], path: str | Path, data: Data, reading: Reading) -> Result:
     """`Result.load`: a stored result that knows where its records are looked for."""
     path = Path(path)
     result = kind.from_json(path / "result.json" if path.is_dir() else path)
-    given = data if isinstance(data, Mapping) else {}
-    folders = [data] if isinstance(data, str | Path) else () if given else data
-    reading = Reading(columns=columns, series=series)
-    result._inputs = Inputs(Places.of(path, map(Path, folders)), given, reading)
+    result._inputs = StoredInputs.of(path, data, reading)
     return result
 
 
-def reopened(result: Result, inputs: Inputs) -> tuple[Evaluations, Evaluations | None]:
+def reopened(result: Result, inputs: StoredInputs) -> tuple[Evaluations, Evaluations | None]:
     """A stored result's constant circuit and its tables, simulated again on its records.
 
     Raises `InputError` where a record is not found, is another, or no longer gives the stored
@@ -146,46 +126,29 @@ def reopened(result: Result, inputs: Inputs) -> tuple[Evaluations, Evaluations |
     """
     parts = *result.of_role("identification"), *result.of_role("validation")
     pairs = [(part, inputs.read(part)) for part in parts]
-    constant = result.constant
-    by_constant = partial(evaluate, parameters=constant.parameters)
-    evaluated = partial(_evaluations, pairs, result.cell)
-    of_constant = evaluated(constant.model, by_constant, constant.metrics)
-    if result.tables is None:
-        return of_constant, None
-    return of_constant, evaluated(result.model, result.tables.evaluate, result.metrics)
+    of_constant = _evaluations(result.without_tables(), pairs)
+    return of_constant, None if result.tables is None else _evaluations(result, pairs)
 
 
-def _evaluations(
-    pairs: Sequence[tuple[InputPart, Record]],
-    cell: CellModel,
-    model: str,
-    by_circuit: By,
-    metrics: MetricsBlock,
-) -> Evaluations:
-    """A stored circuit on every record, those identified on and those validated on."""
+def _evaluations(result: Result, pairs: Sequence[tuple[InputPart, Record]]) -> Evaluations:
+    """A stored answer on every record, those identified on and those validated on."""
+    metrics = result.metrics
     identified = metrics.jointly or (metrics.identification,)
     evaluations = tuple(
-        _again(part, record, cell, model, by_circuit, stored)
+        _again(result, part, record, stored)
         for (part, record), stored in zip(pairs, [*identified, *metrics.validation], strict=True)
     )
     return Evaluations(evaluations[: len(identified)], evaluations[len(identified) :])
 
 
-def _again(
-    part: InputPart,
-    record: Record,
-    cell: CellModel,
-    model: str,
-    by_circuit: By,
-    stored: MetricsPart,
-) -> Evaluation:
-    """A stored circuit on a record from the direction that was settled, or the other one: each
-    circuit has its own."""
+def _again(result: Result, part: InputPart, record: Record, stored: MetricsPart) -> Evaluation:
+    """A stored answer on a record from the direction that was settled, or the other one: constants
+    and tables have each their own."""
     window, start = part.window or Window(), part.start
     rmse_v = stored.rmse_v
     for way in (start.direction, -start.direction) if start else (None,):
         own = window if way is None else replace(window, initial_direction=way)
-        found = by_circuit(prepare_record(record, cell, model, own))
+        found = result.fits.evaluate(prepare_record(record, result.cell, result.model, own))
         rmse_v = found.metrics.rmse_v
         if abs(rmse_v - stored.rmse_v) <= SAME_ERROR * stored.rmse_v:
             prepared = replace(found.prepared, window=window)
@@ -193,26 +156,20 @@ def _again(
                 prepared = replace(prepared, start=start)
             return replace(found, prepared=prepared)
     raise InputError(
-        f"{part.name}: the stored {model} leaves {1e3 * rmse_v:.4g} mV on it now, where the result "
-        f"says {1e3 * stored.rmse_v:.4g} mV; identify again with this version"
+        f"{part.name}: the stored {result.model} leaves {1e3 * rmse_v:.4g} mV on it now, where the "
+        f"result says {1e3 * stored.rmse_v:.4g} mV; identify again with this version"
     )
 
 
-def validated(
-    stored: Result, record: Given, window: Window | None = None, **read: Any
-) -> Evaluation:
+def validated(stored: Result, record: Given, window: Window | None, reading: Reading) -> Evaluation:
     """`Result.validate`: a stored circuit on another record."""
-    signs = {"validate_current_sign": read.pop("current_sign", "auto")}
-    reading = Reading(**signs, **read)
-    choose, cell = partial(window_of, stored, chosen=window), stored.cell_model
-    measured, warnings = read_validation(record, reading, choose, cell, stored.measured_at)
-    window = choose(measured)
+    measured, window, warnings = read_for(stored, record, window, reading)
     content = Content(measured)
     for own in stored.of_role("identification"):
         if own.sha256 == measured.sha256 or (own.fingerprint and content.holds(own.fingerprint)):
             warnings.append(Notice("role.same-record", {"other": own.name}, measured.name))
     with telling(warnings):
-        prepared = prepare_record(measured, cell, stored.model, window)
+        prepared = prepare_record(measured, stored.cell, stored.model, window)
     by_circuit = stored.fits.evaluate
     found = with_registered(evaluate_from_either(prepared, by_circuit), by_circuit)
     warnings += no_temperature(prepared, stored.fits)

@@ -21,12 +21,12 @@ from .display import Brief, hook
 from .errors import InputError
 from .execution import compile_for, in_float64
 from .filters import Drive, Estimate, FilterModel, Kind, run_filter
-from .inputs import Given, read_validation
 from .model.prepared import prepare_record
 from .model.start import Start
 from .model.window import OCV_MARGIN, Window
 from .over_soc.fits import no_temperature, require_temperature
-from .result_filter import FilterSettings, axis_sd_of, model_of, window_of
+from .records import Given
+from .result_filter import FilterSettings, axis_sd_of, model_of, read_for
 from .results import Result
 from .scenarios import (
     SCENARIOS,
@@ -170,18 +170,14 @@ def replay_soc(
     Raises `InputError` if record, window or `settings.estimate` are no use, or without assessment.
     """
     settings = settings or FilterSettings()
-    choose = partial(window_of, result, chosen=window)
     reading = Reading(
         validate_current_sign=current_sign, current_hold=current_hold,
         voltage_lag=voltage_lag, columns=columns, series=series,
     )  # fmt: skip
-    measured, warnings = read_validation(
-        record, reading, choose, result.cell_model, result.measured_at
-    )
-    window = choose(measured)
+    measured, window, warnings = read_for(result, record, window, reading)
     used = result if settings.tables else result.without_tables()
-    prepared = prepare_record(measured, used.cell_model, used.model, window)
-    low, high = used.cell_model.soc_range
+    prepared = prepare_record(measured, used.cell, used.model, window)
+    low, high = used.cell.soc_range
     own_low, own_high = float(prepared.soc.min()), float(prepared.soc.max())
     if own_low < low - OCV_MARGIN or own_high > high + OCV_MARGIN:
         raise InputError(

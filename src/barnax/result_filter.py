@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -9,10 +10,13 @@ from .cell.parameters import OCV_CORRECTION
 from .errors import InputError
 from .filters import Kind
 from .filters.model import CAPACITY, GRID, OFFSET, ErrorModel, FilterModel, make_model
+from .inputs import read_validation
 from .model.window import Window, merged
+from .notices import Notice
 from .over_soc.registration import FULL_SD
-from .records import Record, Source
+from .records import Given, Record, Source
 from .results import Result
+from .settings import Reading
 
 # No tester resolves less, and a measurement without any noise would be believed without limit.
 LEAST_NOISE_V = 1e-4
@@ -78,6 +82,15 @@ def window_of(result: Result, record: Record | Source, chosen: Window | None = N
     of all records of the result where nothing else is given."""
     own = (part.window for part in result.inputs if part.window and part.is_of(record))
     return merged(result.common_window, chosen or next(own, None) or Window())
+
+
+def read_for(
+    result: Result, given: Given, chosen: Window | None, reading: Reading
+) -> tuple[Record, Window, list[Notice]]:
+    """A record for a result's circuit, its window, and what the checks have against it."""
+    choose = partial(window_of, result, chosen=chosen)
+    record, warnings = read_validation(given, reading, choose, result.cell, result.measured_at)
+    return record, choose(record), warnings
 
 
 def axis_sd_of(result: Result, capacity_ah: float) -> float:

@@ -32,13 +32,14 @@ from .schema import Document, Told
 from .search.evaluate import Evaluation, Evaluations
 from .search.refine import AtBound
 from .select.choose import Tried
+from .settings import AutoHold, AutoSign, Reading
 
 if TYPE_CHECKING:
     import numpy as np
     import polars
     from matplotlib.figure import Figure
 
-    from .inputs import Given
+    from .records import Given
     from .records.read import Frame
 
 
@@ -151,7 +152,7 @@ class Result(Document):
         >>> len(again.figure("voltage").axes)
         4
         """
-        return hook("Result.load")(cls, path, data, columns, series)
+        return hook("Result.load")(cls, path, data, Reading(columns=columns, series=series))
 
     def simulate(
         self,
@@ -199,8 +200,8 @@ class Result(Document):
         record: "Given",
         window: Window | None = None,
         *,
-        current_sign: str = "auto",
-        current_hold: str = "auto",
+        current_sign: AutoSign = "auto",
+        current_hold: AutoHold = "auto",
         voltage_lag: float | None = None,
         columns: Mapping[str, str] | str = "",
         series: int = 1,
@@ -222,9 +223,11 @@ class Result(Document):
         >>> round(1e3 * found.metrics.rmse_v, 1), found.warnings
         (16.8, ())
         """
-        read: dict[str, Any] = {"current_sign": current_sign, "current_hold": current_hold}
-        more: dict[str, Any] = {"voltage_lag": voltage_lag, "columns": columns, "series": series}
-        return hook("Result.validate")(self, record, window, **read, **more)
+        reading = Reading(
+            validate_current_sign=current_sign, current_hold=current_hold,
+            voltage_lag=voltage_lag, columns=columns, series=series,
+        )  # fmt: skip
+        return hook("Result.validate")(self, record, window, reading)
 
     def to_frame(self) -> "polars.DataFrame":
         """The parameters of the answer with their 95 % intervals, units in the names.
@@ -312,10 +315,6 @@ class Result(Document):
             alone["tables"] = replace(tables, fits=(fit,), over_temperature=None)
         return self.model_copy(update=alone)
 
-    @property
-    def cell_model(self) -> CellModel:
-        return self.cell
-
     def cell_at(self, temperature_degc: float | None = None) -> CellModel:
         """The cell as the identification simulated it at a temperature, by default that of the
         first record: with the capacity told of the first record there, which may be its own."""
@@ -381,7 +380,7 @@ class Result(Document):
     @property
     def start_rest_current_a(self) -> float:
         """The current in A below which a hysteresis keeps its direction."""
-        return self._first.rest_current_a or self.cell_model.capacity_ah / 100
+        return self._first.rest_current_a or self.cell.capacity_ah / 100
 
     def figure(self, name: str) -> "Figure":
         """A figure by its name, such as "voltage", "error", "convergence" or "ocv".

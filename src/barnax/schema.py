@@ -20,12 +20,12 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
-    GetCoreSchemaHandler,
-    GetJsonSchemaHandler,
+    GetPydanticSchema,
     PlainSerializer,
     ValidationError,
 )
-from pydantic_core import PydanticOmit, core_schema
+from pydantic.json_schema import SkipJsonSchema
+from pydantic_core import core_schema
 
 from .display import brief
 from .errors import InputError, cut, printable
@@ -68,44 +68,23 @@ def _array(given: Any) -> np.ndarray:
         raise ValueError(f"no array of numbers: {error}") from error
 
 
-class _Array:
-    """An array of numbers, stored as nested lists, null for what is not finite."""
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> Any:
-        del source, handler
-        return core_schema.no_info_plain_validator_function(
-            _array, serialization=core_schema.plain_serializer_function_ser_schema(_listed)
-        )
-
-    def __get_pydantic_json_schema__(self, schema: Any, handler: GetJsonSchemaHandler) -> Any:
-        del schema, handler
-        return {"type": "array", "items": {"type": ["number", "null", "array"]}}
-
-
-ARRAY = _Array()
-
-
-class _Unstored:
-    """What a dataclass has only while it is not stored: None in a document, and of any kind."""
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> Any:
-        del source, handler
-        return core_schema.none_schema()
-
-    def __get_pydantic_json_schema__(self, schema: Any, handler: GetJsonSchemaHandler) -> Any:
-        raise PydanticOmit
-
-
-Kind = TypeVar("Kind")
-# A field with a default that documents leave out.
-Unstored = Annotated[Kind, _Unstored(), Field(exclude=True)]
-
-
 def _listed(array: np.ndarray) -> list[Any]:
     values = array.astype(object)
     values[~np.isfinite(array)] = None
     return values.tolist()
 
+
+# An array of numbers, stored as nested lists, null for what is not finite.
+ARRAY = GetPydanticSchema(
+    lambda source, handler: core_schema.no_info_plain_validator_function(
+        _array, serialization=core_schema.plain_serializer_function_ser_schema(_listed)
+    ),
+    lambda schema, handler: {"type": "array", "items": {"type": ["number", "null", "array"]}},
+)
+Kind = TypeVar("Kind")
+_NONE = GetPydanticSchema(lambda source, handler: core_schema.none_schema())
+# A field with a default that is there only while it is not stored; documents leave it out.
+Unstored = Annotated[Kind, _NONE, SkipJsonSchema(), Field(exclude=True)]
 
 # A number that may be infinite, where nothing could be simulated; JSON has null for that.
 MaybeInfinite = Annotated[
@@ -126,16 +105,9 @@ Json = dict[str, Any]
 
 def notice_to_dict(told: Notice) -> Json:
     """A notice as plain values, units in the keys, with its words."""
-    return {
-        "code": told.code,
-        "severity": told.severity,
-        "subject": told.subject,
-        "row": told.row,
-        "sheet": told.sheet,
-        "values": {key_of(name): value for name, value in told.values.items()},
-        "what": told.what,
-        "remedy": told.remedy or None,
-    }
+    stored = {name: getattr(told, name) for name in StoredNotice.model_fields}
+    values = {key_of(name): value for name, value in told.values.items()}
+    return stored | {"values": values, "remedy": told.remedy or None}
 
 
 class Part(BaseModel):
@@ -232,18 +204,6 @@ class StoredNotice(Part):
     remedy: str | None = None
 
 
-class _Told:
-    """A notice as it is stored. One without a code that is known here is read as it was worded."""
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> Any:
-        del source
-        return core_schema.no_info_wrap_validator_function(
-            _notice_of,
-            handler.generate_schema(StoredNotice),
-            serialization=core_schema.plain_serializer_function_ser_schema(notice_to_dict),
-        )
-
-
 def _notice_of(stored: Any, read: Callable[[Any], StoredNotice]) -> Notice:
     if isinstance(stored, Notice):
         return stored
@@ -264,7 +224,15 @@ def _named(label: re.Match[str]) -> str:
     return next(f"_{name}" for name, unit in UNITS.items() if unit == label[1])
 
 
-Told = Annotated[Notice, _Told()]
+# A notice as it is stored. One without a code that is known here is read as it was worded.
+_TOLD = GetPydanticSchema(
+    lambda source, handler: core_schema.no_info_wrap_validator_function(
+        _notice_of,
+        handler.generate_schema(StoredNotice),
+        serialization=core_schema.plain_serializer_function_ser_schema(notice_to_dict),
+    )
+)
+Told = Annotated[Notice, _TOLD]
 
 
 def _reason(problem: ValidationError | InputError) -> str:

@@ -10,8 +10,9 @@ import barnax
 from barnax.cli.options import windows_of
 from barnax.errors import InputError
 from barnax.inputs import read_inputs, read_validation
+from barnax.job import Job
 from barnax.records import source_from_frame
-from barnax.settings import CellSettings, Reading
+from barnax.settings import Reading
 from checks.test_findings import CAPACITY_AH, FAULTS
 from helpers.records import CURRENT, changed, frame, with_counters
 
@@ -39,10 +40,8 @@ def warned(table, cell, capacity_ah, given):
     window = windows_of(others) or None
     source = source_from_frame(table, "cell", columns=how.get("columns", ""))
     try:
-        inputs = read_inputs(
-            source, (), (), Reading(**how), CellSettings(),
-            capacity=capacity_ah, window=window, cell=cell,
-        )  # fmt: skip
+        given = {"capacity": capacity_ah, "window": window, "cell": cell}
+        inputs = read_inputs(Job(source, **given, **how))
     except InputError as problem:
         return [str(problem)]
     return [str(each) for each in inputs.warnings]

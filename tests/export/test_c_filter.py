@@ -102,7 +102,7 @@ def test_it_is_the_filter_in_python(in_c, circuit, with_tables):
     at_rest = np.arange(record.samples) < REST
     record = replace(record, current_a=np.where(at_rest, 0.0, record.current_a))
     window = Window(initial_soc=0.9, initial_direction=1, rest_current_a=0.05)
-    prepared = prepare_record(record, result.cell_model, circuit, window)
+    prepared = prepare_record(record, result.cell, circuit, window)
     for direction in (1, 0) if circuit in HYSTERETIC else (1,):
         expected, drive = in_python(result, prepared, direction)
         double, single = (
@@ -119,7 +119,7 @@ def test_single_precision_is_double_precision_from_a_point_of_the_table_too(in_c
     number = np.arange(2000)
     current_a = np.where(number < REST, 0.0, np.where(number % 20 < 10, 2.0, -1.9))
     held_a = np.append(0.0, current_a[:-1])
-    voltage_v = result.cell_model.average_ocv_v(np.full(2000, soc)) - 0.05 * current_a
+    voltage_v = result.cell.average_ocv_v(np.full(2000, soc)) - 0.05 * current_a
     drive = SimpleNamespace(
         interval_s=1.0 * (number > 0), held_a=held_a, current_a=current_a, voltage_v=voltage_v
     )
@@ -152,7 +152,7 @@ def test_both_branches_of_the_ocv_are_in_it(tmp_path, circuit):
     program = compiled(tmp_path, EXPORTERS["c-filter"], result, BRANCHES, "-std=c99")
     soc = np.linspace(0.05, 0.95, 19)
     ran = subprocess.run([program], input=soc.tobytes(), capture_output=True, check=True)
-    found_v, cell = np.frombuffer(ran.stdout).reshape(-1, 2), result.cell_model
+    found_v, cell = np.frombuffer(ran.stdout).reshape(-1, 2), result.cell
     half_v = (cell.branch_gap_v if circuit == "esc" else cell.hysteresis_v)(soc) / 2
     expected_v = cell.average_ocv_v(soc)[:, None] + half_v[:, None] * [1, -1]
     assert np.abs(found_v - expected_v).max() < 1e-3
@@ -161,7 +161,7 @@ def test_both_branches_of_the_ocv_are_in_it(tmp_path, circuit):
 @pytest.mark.parametrize("direction", [1, -1])
 def test_an_unknown_direction_leaves_room_for_both(in_c, direction):
     """At rest on a branch at 70 % SOC, as believed: the wrong branch is the farthest off."""
-    cell, rest, soc = result_of("esc", False).cell_model, np.zeros(600), np.array([0.7])
+    cell, rest, soc = result_of("esc", False).cell, np.zeros(600), np.array([0.7])
     voltage_v = (cell.average_ocv_v(soc) + direction * cell.branch_gap_v(soc) / 2)[0] + rest
     drive = SimpleNamespace(interval_s=rest + 1, held_a=rest, current_a=rest, voltage_v=voltage_v)
     wrong, unknown, right = (

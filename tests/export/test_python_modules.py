@@ -128,7 +128,7 @@ def test_a_dynamic_hysteresis_differs_in_thevenin_by_its_slope_over_gamma():
     profile = pulse_profile(result)
     here_v = simulate_here(result, profile)
     difference_v = run_thevenin(load("thevenin", "esc"), profile) - here_v
-    w = result.cell_model.hysteresis
+    w = result.cell.hysteresis
     steepest_v = max(abs(w.parameters[name]) for name in "ACEG") / 2
     assert np.abs(difference_v).max() < 1.1 * steepest_v / GAMMA + TOLERANCE_V
     assert np.abs(difference_v).max() > 0.3 * steepest_v / GAMMA

@@ -48,7 +48,7 @@ def test_barnax_own_side_is_the_circuit_that_was_identified(own_ah):
     result = make_result("so-rc", capacity_ah=own_ah)
     found_v = simulate_here(result, SHORT)
     soc = 0.9 - np.append(0, np.cumsum(SHORT.current_a[:-1])) / 3600 / (own_ah or CAPACITY_AH)
-    expected_v = result.cell_model.average_ocv_v(soc) - 0.0511 * SHORT.current_a
+    expected_v = result.cell.average_ocv_v(soc) - 0.0511 * SHORT.current_a
     for r, c in PAIRS[:2]:
         decay = math.exp(-1 / (r * c))
         expected_v -= lfilter([0, r * (1 - decay)], [1, -decay], SHORT.current_a)

@@ -284,7 +284,7 @@ def test_another_record_has_a_start_of_its_own(result, tmp_path):
     path = tmp_path / BUNDLED.record.name
     pl.read_parquet(BUNDLED.validation).head(9000).write_parquet(path)
     prepared = result.validate(path).prepared
-    alone = prepare_record(read_record(path), result.cell_model, result.model)
+    alone = prepare_record(read_record(path), result.cell, result.model)
     assert prepared.start.soc == alone.start.soc
     assert prepared.scored.sum() == 9000
     assert result.common_window == Window()

@@ -251,7 +251,7 @@ def test_a_hysteresis_is_found_with_the_ocv_where_there_is_one(turning):
     for name, r_ohm in (("R0 [Ohm]", R0_OHM), ("R1 [Ohm]", R_OHM[0]), ("R2 [Ohm]", R_OHM[1])):
         found_ohm = np.median(result.fit.tables.at(name, inside))
         assert found_ohm == pytest.approx(r_ohm, rel=0.03), name
-    assert np.median(np.abs(result.cell_model.average_ocv_v(inside) - ocv_v(inside))) < 1e-3
+    assert np.median(np.abs(result.cell.average_ocv_v(inside) - ocv_v(inside))) < 1e-3
     if half_gap_v:
         gap_v = result.fit.tables.at("half hysteresis [V]", inside)
         assert np.median(gap_v) == pytest.approx(half_gap_v, rel=0.15)
@@ -419,7 +419,7 @@ def test_a_record_alone_is_identified_validated_and_stored(tmp_path):
     path = tmp_path / "result.json"
     path.write_text(result.to_json())
     again = barnax.Result.from_json(path)
-    assert again.cell_model.is_of_records
+    assert again.cell.is_of_records
     simulated = again.simulate({"Time [s]": [0.0, 1.0, 2.0], "Current [A]": [0.0, 2.0, 2.0]})
     assert simulated["Voltage [V]"][0] > simulated["Voltage [V]"][1]
     # The OCV is an answer too, with its intervals: the circuit's, at every node.
@@ -427,7 +427,7 @@ def test_a_record_alone_is_identified_validated_and_stored(tmp_path):
     rows = [row for row in rows if row["table"] == OCV]
     assert len(rows) > len(again.fit.tables.nodes)
     for row in rows:
-        ocv_v = again.cell_model.average_ocv_v(np.array([float(row["SOC"])]))[0]
+        ocv_v = again.cell.average_ocv_v(np.array([float(row["SOC"])]))[0]
         assert float(row["value"]) == pytest.approx(ocv_v, abs=1e-9)
     frame = again.to_frame().drop_nulls("OCV low [V]")
     # Its own nodes are closer than those of the resistances, which are known at each.

@@ -8,10 +8,10 @@ import pytest
 from scipy.signal import lfilter
 
 from barnax.inputs import read_inputs
+from barnax.job import Job
 from barnax.records import Decision, read_record, record_from_frame
 from barnax.records.hold import sampled
 from barnax.records.logger import Logger, SamplingEvidence, SlowRows, loggers_of
-from barnax.settings import CellSettings, Reading
 from helpers.records import CURRENT, TIME, VOLTAGE
 from records.test_hold import counted
 from records.test_slow_log import log
@@ -98,10 +98,8 @@ def test_records_of_one_call_are_of_one_logger(tmp_path, bundled_cell):
     for k, table in enumerate(tables):
         table.write_parquet(tmp_path / f"{k}.parquet")
     assert read_record(tmp_path / "0.parquet").hold.value == "forward"
-    inputs = read_inputs(
-        tmp_path / "0.parquet", (), tmp_path / "1.parquet", Reading(), CellSettings(),
-        capacity=None, window=None, cell=bundled_cell,
-    )  # fmt: skip
+    job = Job(tmp_path / "0.parquet", validate=tmp_path / "1.parquet", cell=bundled_cell)
+    inputs = read_inputs(job)
     assert [one.hold.value for one in (*inputs.records, *inputs.validation)] == ["backward"] * 2
 
 

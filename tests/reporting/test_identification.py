@@ -228,7 +228,7 @@ def test_every_decision_is_told_as_firmly_as_it_was_made():
         told += sentences("starts.carried", View(changed(STORED, start=start)))
     for window in WINDOWS:
         told += sentences("decisions.window", window, ["a.csv", "b.csv"])
-    cell = STORED.cell_model
+    cell = STORED.cell
     told += sentences("decisions.ocv", cell, None)
     bare = replace(cell, errors={}, hysteresis=SegmentedHysteresis.zero())
     told += sentences("decisions.ocv", bare, None)

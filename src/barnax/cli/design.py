@@ -17,7 +17,7 @@ from .session import flag_of
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-    from ..reopening import Places
+    from ..reopening import StoredInputs
 
 
 @group
@@ -135,7 +135,7 @@ def next_after(
     test: "barnax.Design", stored: "barnax.Result | None", cell: Cell, folder: Path
 ) -> "list[RenderableType]":
     """The step after the test: to identify its record, with what counted and its options."""
-    from ..reopening import Places, file_of
+    from ..reopening import StoredInputs, file_of
     from ..reporting.terminal import next_lines
     from ..reporting.words import joined
 
@@ -143,7 +143,7 @@ def next_after(
     words = ["barnax", "identify"]
     if stored is not None and cell.result is not None and test.earlier:
         replaced = [] if cell.capacity is None else ["capacity"]
-        files, missing = _files_of(stored, Places.of(cell.result, cell.data or ()), replaced)
+        files, missing = _files_of(stored, StoredInputs.of(cell.result, cell.data or ()), replaced)
         words += ["RECORD", *files]
         # Where nothing shows what is full, its rest tells where it starts on the others' OCV.
         words += [] if test.start_v else ["--initial-soc", f"RECORD={soc}"]
@@ -164,7 +164,7 @@ def next_after(
 
 
 def _files_of(
-    stored: "barnax.Result", places: "Places", replaced: Collection[str]
+    stored: "barnax.Result", places: "StoredInputs", replaced: Collection[str]
 ) -> tuple[list[str], list[str]]:
     """The stored records and OCV tests where they lie, with the circuit that was asked for and the
     options of the records but those `replaced`; and the names of the files that were not found."""

@@ -9,9 +9,10 @@ from pydantic import model_validator
 from ..baselines import Budget
 from ..cell import CellModel, OcvTable
 from ..errors import InputError
+from ..execution import unwatched
 from ..global_optimum.search import GlobalOptimum
 from ..identification import search_and_assess
-from ..inputs import listed, read_inputs, unwatched, windows_of
+from ..inputs import listed, read_inputs, windows_of
 from ..job import Job, takes_options
 from ..model.coordinates import Scale
 from ..model.problem import Kind
@@ -174,10 +175,7 @@ def compare_files(job: ComparisonJob) -> tuple[Comparison, ComparisonResult]:
             f"a comparison uses one record, but {len(records)} were given; give the others with "
             "`validate`"
         )
-    inputs = read_inputs(
-        records, job.ocv, job.validate, job, job,
-        capacity=job.capacity, window=job.window, watch=watch,
-    )  # fmt: skip
+    inputs = read_inputs(job)
     windows = windows_of(inputs, job.window, job.capacity)
     source, ranges = ranges_of(job.bounds)
     comparison = compare(

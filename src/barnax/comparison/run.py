@@ -15,7 +15,7 @@ from ..baselines.regression import outside_box
 from ..cell import CellModel
 from ..display import Brief
 from ..errors import InputError
-from ..execution import in_float64
+from ..execution import Watch, in_float64, unwatched
 from ..global_optimum.search import (
     GlobalOptimum,
     optimality_gap,
@@ -23,7 +23,6 @@ from ..global_optimum.search import (
     without_sweep_drop,
 )
 from ..identification import optimum_or_none
-from ..inputs import Watch, unwatched
 from ..model.coordinates import Scale
 from ..model.prepared import PreparedRecord, prepare_record
 from ..model.problem import Kind, Problem, known_to, make_problem

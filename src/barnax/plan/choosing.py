@@ -6,9 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
-from ..inputs import Given, Watch, listed, unwatched, windows_by_name
+from ..execution import Watch, unwatched
+from ..inputs import listed, windows_by_name
 from ..model.window import Window, Windows
 from ..notices import Notice
+from ..records import Given
 from ..settings import OVER_TEMPERATURE, Reading
 from .document import Plan
 from .draft import Draft, another_cell, copies_of, named_degc, of_other_cells, why_useless, words_of

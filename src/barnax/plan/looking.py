@@ -18,7 +18,8 @@ from ..cell.model import REFERENCE_DEGC, SAME_DEGC, group_near
 from ..checks import Role, check_file
 from ..checks.traits import NO_TRAITS, Kind, Traits
 from ..errors import InputError, printable
-from ..inputs import Watch, file_names, source_of, window_of
+from ..execution import Watch
+from ..inputs import file_names, source_of, window_of
 from ..model.window import START, Window
 from ..records import Record, Source, read_record
 from ..records.record import TAPERED

@@ -15,7 +15,6 @@ from ..cell import CellModel, OcvPoint, characterize_over_temperature
 from ..cell.model import REFERENCE_DEGC, group_near
 from ..errors import InputError
 from ..inputs import (
-    Given,
     file_names,
     how_read,
     listed,
@@ -27,7 +26,7 @@ from ..inputs import (
 from ..job import PLANNED, Job
 from ..model.window import Window, temperature_of
 from ..pulses import Pulse, first_pulse
-from ..records import Record, Source, read_record, read_source
+from ..records import Given, Record, Source, read_record, read_source
 from ..records.logger import Decision, Logger, SlowRows
 from ..records.source import STDIN
 from ..result_parts import InputPart

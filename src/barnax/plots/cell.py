@@ -50,7 +50,7 @@ def plot_ocv(cell: "CellModel | Result | str | Path") -> Figure:
     nodes = ()
     if not isinstance(cell, CellModel):
         result = style.opened(cell)
-        cell, nodes = result.cell_model, result.fit.of_table(OCV)
+        cell, nodes = result.cell, result.fit.of_table(OCV)
     if cell.is_of_records:
         return plot_own_ocv(cell, nodes)
     branches = [

@@ -22,6 +22,8 @@ from .readers import read_table
 from .samples import Samples
 from .table import LARGEST_FILE, Table, table_sha256
 
+# A file or what was read of one, a `Record`, or a data frame.
+Given = Any
 STDIN, STDIN_NAME = Path("-"), "standard input"
 # The names under which a shell passes another command's output.
 _PIPES, _PIPE_NAME = (Path("/dev/fd"), Path("/proc/self/fd")), "piped file"

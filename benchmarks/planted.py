@@ -55,7 +55,6 @@ BOX = "tests/global_optimum/test_box_bound.py"
 TABLE_BOX = "tests/over_soc/test_bound_by_hand.py"
 DENSE = "tests/over_soc/test_dense.py"
 OFFSET = "tests/over_soc/test_current_offset.py"
-QUANTILE = "(1 + CONFIDENCE) / 2"
 
 FAULTS = (
     # The proof.
@@ -79,12 +78,9 @@ FAULTS = (
           "float(bounds_v[0]) - slack_v", "float(bounds_v[-1]) - slack_v",
           "tests/global_optimum/test_certificate.py"),
     # Intervals.
-    fault("quantile of tables", "uncertainty/noise.py",
-          f"stdtrit(freedom, {QUANTILE})", "stdtrit(freedom, CONFIDENCE)",
-          DENSE),
-    fault("quantile of constants", "uncertainty/covariance.py",
-          f"stdtrit(freedom, {QUANTILE})", "stdtrit(freedom, CONFIDENCE)",
-          "tests/uncertainty/test_covariance.py"),
+    fault("quantile of intervals", "uncertainty/noise.py",
+          "stdtrit(freedom, (1 + CONFIDENCE) / 2)", "stdtrit(freedom, CONFIDENCE)",
+          DENSE, "tests/uncertainty/test_covariance.py"),
     fault("one more record", "over_soc/cross_validation.py",
           "np.sqrt(1 + 1 / len(own))", "np.sqrt(1 / len(own))", DENSE),
     fault("smoothing in standard errors", "over_soc/intervals.py",
@@ -119,7 +115,8 @@ FAULTS = (
           "reach = math.hypot(spread.reach(side, direction), common)",
           "reach = spread.reach(side, direction)", DENSE),
     fault("time constants of a pack's cell", "over_soc/pack.py",
-          "by_scales = slopes[:, :1] - slopes", "by_scales = slopes - slopes[:, :1]", DENSE),
+          "by_scales = fit.slopes[:, :1] - fit.slopes",
+          "by_scales = fit.slopes - fit.slopes[:, :1]", DENSE),
     # Sampling of the current.
     fault("R0 by the other sampling", "identification.py",
           "shifts_ohm.append(other.most_ohm)", "shifts_ohm.append(0.0)",

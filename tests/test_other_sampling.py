@@ -1,12 +1,12 @@
 """What the other sampling of the current does to resistances, against a regression on one pair."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from barnax import identification
+from barnax import identification, pack
 from barnax.bundled import BUNDLED
 from barnax.cell import CircuitParameters, characterize
 from barnax.cell.parameters import RATE
@@ -16,6 +16,7 @@ from barnax.model.sampling import resampling, source_shift_ohm
 from barnax.model.window import Window
 from barnax.over_soc.fits import TableFits
 from barnax.over_soc.node_interval import NodeInterval
+from barnax.over_soc.pack import PackCell, PackFit, Value
 from barnax.over_soc.settings import TableSettings
 from barnax.records import read_record, record_from_frame
 from helpers.problems import drive_a
@@ -146,10 +147,10 @@ def test_intervals_reach_over_what_the_other_sampling_makes_of_their_values(monk
     monkeypatch.setattr(identification, "bands_by_soc", lambda evaluations: ())
     bounds = SimpleNamespace(ranges={})
     problem = SimpleNamespace(prepared_records=[prepared], bounds=bounds)
-    setup = SimpleNamespace(problem=problem, tables=TableSettings(nodes=NODES))
+    setup = SimpleNamespace(problem=problem)
     evaluations = SimpleNamespace(identification=[SimpleNamespace(prepared=prepared)])
     warnings = []
-    tables = identification._assessed(setup, fits, evaluations, True, warnings)
+    tables = identification._assessed(setup, fits, evaluations, warnings)
     others = identification._others(problem, constant, other)
     # A shift of more than a twentieth is a warning besides.
     far = abs(change.r0_ohm) > 0.05 * R0
@@ -166,3 +167,17 @@ def test_intervals_reach_over_what_the_other_sampling_makes_of_their_values(monk
             moved = [0.0, 0.07 - R0, 1.15 * change.r0_ohm]
         assert after.low == pytest.approx(max(before.low + min(moved), 0.0), rel=1e-12)
         assert after.high == pytest.approx(before.high + max(moved), rel=1e-12)
+
+
+def test_a_hidden_pair_widens_r0_of_a_cell_of_a_pack_unless_bounds_of_r0_are_given():
+    fits, prepared, _ = made("backward")
+    prepared.record.hold.strength, prepared.dense_interval_s = "strong", 10.0
+    values = {"R0 [Ohm]": Value(R0, R0 - 0.001, R0 + 0.001)}
+    cell = PackCell("V1", 1e-3, fits.fits[0].tables, (), values)
+    lows = []
+    for bounds in ({}, {"R0 [Ohm]": (0.01, 0.1)}):
+        given = replace(fits, settings=TableSettings(nodes=NODES, bounds=bounds))
+        (widened,) = pack._spanning(PackFit((), 0.1, (cell,)), prepared, given).cells
+        lows.append(widened.values["R0 [Ohm]"].low)
+    # R0 without the pair is a third of it at least.
+    assert lows == pytest.approx([R0 / 3 - 0.001, R0 - 0.001], rel=1e-12)

@@ -81,7 +81,7 @@ def search_and_assess(
         if trust != "none":
             assessment = _attempt("answer.no-intervals", warnings, assess, problem, parameters)
         if tables is not None and of_tables is not None:
-            tables = _assessed(setup, tables, of_tables, other is not None, warnings)
+            tables = _assessed(setup, tables, of_tables, warnings)
         if assessment is not None:
             uncertainty = assessment.uncertainty
             if other is not None and tables is None and R0 in uncertainty.beyond(other):
@@ -200,7 +200,7 @@ def _fitted(setup: Setup) -> TableFits:
         records = objective.prepared_records
         fit = fit_of(objective, proof)
         own = compare_with_own(records, fit, objective.settings)
-        fits = TableFits((replace(fit, own_ocv=own),))
+        fits = TableFits((replace(fit, own_ocv=own),), settings=setup.tables)
     groups = [records]
     if fits.over_temperature is not None:
         groups = [group for _, group in sorted(group_by_temperature(records).items())]
@@ -240,31 +240,23 @@ def _candidates(
 
 
 def _assessed(
-    setup: Setup,
-    tables: TableFits,
-    evaluations: Evaluations,
-    is_open: bool,
-    warnings: list[Notice],
+    setup: Setup, tables: TableFits, evaluations: Evaluations, warnings: list[Notice]
 ) -> TableFits:
     """The tables with their errors by SOC, and with intervals that reach over what else R0 may be:
-    where the sampling of the current `is_open`, with the other one, with a lag, and with a pair in
-    it that the samples would not show."""
+    where the sampling of the current is open, with the other one, with a lag, and with a pair in it
+    that the samples would not show."""
     records = [evaluation.prepared for evaluation in evaluations.identification]
-    circuit, r0_ohm = tables.fits[0].tables, tables.mean_ohm(R0)
-    ohm = {names.resistance: tables.mean_ohm(names.resistance) for names in circuit.names}
-    other = resampling(records, circuit, ohm) if is_open else None
+    other, r0_ohm = tables.other_sampling(records), tables.mean_ohm(R0)
     shifts_ohm = [late_ohm - r0_ohm for late_ohm in _late_ohm(setup.problem)]
-    # Within bounds of R0 that somebody gave, nothing else is possible.
-    shares = {} if R0 in setup.tables.ranges else {R0: least_r0_share(records) - 1}
+    shares = tables.least_r0_shares(records)
     if other is not None:
         shifts_ohm.append(other.most_ohm)
         shares |= other.shares
         if abs(other.r0_ohm) > FAR * r0_ohm:
             warnings.append(hold_warning(setup.problem, r0_ohm, r0_ohm + other.r0_ohm))
-    tables = tables.spanning(shifts_ohm, shares)
+    of_means = means_shifts_ohm(records, tables.fits[0].tables, tables.named_ohm)
     return replace(
-        tables.spanning(means_shifts_ohm(records, circuit, ohm)),
-        settings=setup.tables,
+        tables.spanning(shifts_ohm, shares).spanning(of_means),
         by_soc=bands_by_soc(evaluations.identification),
         hold_shift_ohm=None if other is None else other.r0_ohm,
     )

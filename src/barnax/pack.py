@@ -17,7 +17,6 @@ from .inputs import how_read, listed, source_of
 from .job import Job, takes_options
 from .metrics import robust_deviations
 from .model.prepared import PreparedRecord
-from .model.sampling import least_r0_share, resampling
 from .notices import Notice
 from .over_soc.fits import TableFits
 from .over_soc.pack import CAPACITY, LOADED, R0, SHIFT, TOTAL, PackFit, Value, fit_pack
@@ -170,10 +169,9 @@ def _spanning(fit: PackFit, prepared: PreparedRecord, tables: TableFits) -> Pack
     """The fit with intervals that reach over what its resistances may also be: with a pair in R0
     that the samples would not show, and with the other sampling of the current, where that is
     open, as far for every cell as for the mean one."""
-    circuit = tables.fits[0].tables
-    ohm = {names.resistance: tables.mean_ohm(names.resistance) for names in circuit.names}
-    shifts = {R0: [(least_r0_share([prepared]) - 1) * tables.mean_ohm(R0)]}
-    other = resampling([prepared], circuit, ohm)
+    shares, ohm = tables.least_r0_shares([prepared]), tables.named_ohm
+    shifts = {R0: [share * tables.mean_ohm(name) for name, share in shares.items()]}
+    other = tables.other_sampling([prepared])
     if other is not None:
         total_ohm = other.most_ohm + sum(share * ohm[name] for name, share in other.shares.items())
         shifts[R0].append(other.most_ohm)

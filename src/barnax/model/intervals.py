@@ -60,9 +60,9 @@ class Intervals(eqx.Module):
             has_offsets=bool(np.max(np.abs(offset_s)) > resolution_s),
         )
 
-    def with_nodes(self, count: int) -> "Intervals":
-        """The same with so many nodes: no sample has one of those that are added."""
-        missing = count - len(self.node_s)
+    def with_common_nodes(self) -> "Intervals":
+        """The same with nodes in one of few numbers: no sample has one of those that are added."""
+        missing = next_nodes(len(self.node_s)) - len(self.node_s)
         return replace(self, node_s=as_input(np.pad(self.node_s, (0, missing), "edge")))
 
     def in_one_form(self, samples: int) -> "Intervals":

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -77,14 +78,6 @@ class PreparedRecord(Brief):
         if known is None:
             return self
         return self.in_window(known.told).following(self.dependence)
-
-    @property
-    def start_shift_sd(self) -> float:
-        """How far the start is from the one that voltages told, in standard errors of that."""
-        known = self.window.registration
-        if known is None or not known.told_sd:
-            return 0.0
-        return (self.start.soc - known.told_soc) / known.told_sd
 
     def in_window(self, window: Window, record: Record | None = None) -> "PreparedRecord":
         """The same prepared anew in another window, or another record in place of its own, from the
@@ -229,7 +222,7 @@ class PreparedRecord(Brief):
         """The interval of the densest samples, enough of them to tell a time constant of it."""
         return float(np.quantile(np.diff(self.time_s), DENSE_QUANTILE, overwrite_input=True))
 
-    @property
+    @cached_property
     def step_ohm(self) -> float:
         """The resistance at the current's steps; zero where they do not tell it."""
         return record_resistance_ohm(self.record)

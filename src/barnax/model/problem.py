@@ -21,7 +21,6 @@ from .compressed import Compressed, compress
 from .coordinates import Coordinates, Scale
 from .exponentials import can_span
 from .layout import TOLERANCE, ends_of
-from .padding import to_common_size
 from .prepared import PreparedRecord, prepare_record
 from .search_space import Bounds, Range
 from .simulate import AbstractEvaluator, Joint, RCParameters, SimulationInput
@@ -154,9 +153,14 @@ class Problem(Brief):
         return compress(self.prepared_records, self.coordinates)
 
     @cached_property
+    def padded_inputs(self) -> tuple[SimulationInput, ...]:
+        """Every course in one of few shapes; a sample that does not count has no weight."""
+        return tuple(map(SimulationInput.in_common_size, self.all_inputs))
+
+    @property
     def padded_scan(self) -> AbstractEvaluator:
         """The reference in one of few shapes, with the same bits."""
-        return Joint.of(tuple(map(to_common_size, self.all_inputs)))
+        return Joint.of(self.padded_inputs)
 
     @cached_property
     def padded_compressed(self) -> Compressed:

@@ -135,6 +135,23 @@ class SimulationInput(AbstractEvaluator):
         weight = np.pad(np.asarray(weight, self.current_a.dtype), (0, missing))
         return replace(filled, weight=as_input(weight))
 
+    def in_common_size(self) -> "SimulationInput":
+        """The same in one of few shapes, so that a new record seldom compiles anything: one an
+        octave of samples, two of very many, where they cost more than programs; one every two
+        octaves of nodes of the clocks."""
+        samples = len(self.current_a)
+        # The next of 64, 128 and so on to 65,536, then 98,304, 131,072 and so on.
+        power = max(6, (samples - 1).bit_length())
+        is_between = power > 16 and samples <= 3 << (power - 2)
+        padded = self.padded_to(3 << (power - 2) if is_between else 1 << power)
+        hysteresis = padded.hysteresis
+        if hysteresis is not None:
+            clock = hysteresis.intervals.with_common_nodes()
+            hysteresis = replace(hysteresis, intervals=clock)
+        return replace(
+            padded, intervals=padded.intervals.with_common_nodes(), hysteresis=hysteresis
+        )
+
     def squared_error(self, rc: RCParameters) -> Scalar:
         """Sum of squared errors over the scored samples, in V^2.
 

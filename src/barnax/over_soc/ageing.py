@@ -33,7 +33,7 @@ from ..model.search_space import Range
 from ..records.record import is_long, runs
 from .nuisances import Estimated, Measured, estimate, of_starts
 from .objective import Solution, TableObjective
-from .problem import box_of, find_best, held_at, reduced_objective
+from .problem import box_of, find_best, reduced_objective, solved_at
 from .registration import FROM_VOLTAGE, FULL_SD, REACH, REST_SD_V, told_within
 from .settings import TableSettings
 
@@ -168,9 +168,8 @@ def measure_ageing(
             moved = moved_to(now)
             if moved is None:
                 return {}
-            held = held_at(objective.ranges, scales.tolist())
-            objective = reduced_objective(moved, plain, held)
-            best = objective.solve(tuple(scales.tolist()), exact=True)
+            at = tuple(scales.tolist())
+            objective, best = solved_at(moved, plain, objective.ranges, at, exact=True)
     assert found is not None, "there is a round"
     is_visited = bool(np.any(objective.visited @ weights[0, : objective.nodes]))
     every = dict(_told(found, under, records, told, is_visited, is_settled))
@@ -207,15 +206,14 @@ def _best_guess(
     for alike in zip(*(records for _, records in moved), strict=True):
         end = min(len(own.scored) for own in alike)
         scored.append(np.all([own.scored[:end] for own in alike], axis=0))
-    tried = {name: (tau_s, tau_s) for name, tau_s in zip(ranges, TRIED_S, strict=True)}
+    tried = tuple(np.log(TRIED_S).tolist())
 
     def cost_v2(records: Sequence[PreparedRecord]) -> float:
         alike = [
             replace(own, scored=np.pad(here, (0, len(own.scored) - len(here))))
             for own, here in zip(records, scored, strict=True)
         ]
-        objective = reduced_objective(alike, settings, tried)
-        return objective.solve(tuple(np.log(TRIED_S).tolist())).objective_v2
+        return solved_at(alike, settings, ranges, tried)[1].objective_v2
 
     return min(moved, key=lambda guess: cost_v2(guess[1]))
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import csr_array
-from scipy.special import stdtrit
 
 from ..cell.parameters import ANYWHERE, OCV
 from ..cell.soc_axis import is_above
@@ -15,7 +14,7 @@ from ..execution import in_float64
 from ..model.box_least_squares import least_in_box
 from ..model.reduced import Reduced
 from ..model.reference import error_blocks_of
-from ..uncertainty.noise import CONFIDENCE
+from ..uncertainty.noise import t_quantile
 from .node_interval import NodeInterval, mean_weights, parts_of
 from .objective import Solution, TableObjective
 from .problem import (
@@ -325,7 +324,7 @@ def with_spread(
         own = weights @ joint + moved
         if len(own) < FEWEST_RECORDS:
             return interval
-        reach = stdtrit(len(own) - 1, (1 + CONFIDENCE) / 2) * np.std(own, ddof=1)
+        reach = t_quantile(len(own) - 1) * np.std(own, ddof=1)
         reach = float(reach * np.sqrt(1 + 1 / len(own)))
         middle, least = float(np.mean(own)), 0.0 if interval.name.startswith("R") else -np.inf
         low, high = max(middle - reach, least), middle + reach

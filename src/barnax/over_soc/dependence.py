@@ -272,7 +272,7 @@ class _Normal:
         chosen[:count, :free] = ways
         chosen[count + np.array(slopes, int), free + np.arange(len(slopes))] = 1.0
         values = np.concatenate(at.values)
-        known = with_penalty(self.objective, self.products[:-1, :-1], np.eye(count))
+        known = with_penalty(self.objective, self.products[:-1, :-1], np.eye(len(chosen)))
         error = known[:, :count] @ values + self.products[:-1, -1]
         normal, slope = chosen.T @ known @ chosen, chosen.T @ error
         normal[np.arange(free, len(normal)), np.arange(free, len(normal))] += pull

@@ -14,6 +14,7 @@ from ..cell.model import REFERENCE_DEGC, SAME_DEGC
 from ..cell.parameters import OCV_CORRECTION
 from ..errors import InputError
 from ..model.prepared import PreparedRecord
+from ..model.sampling import Resampling, least_r0_share, resampling
 from ..model.window import SAME_FULL
 from ..notices import Notice
 from ..search.evaluate import Evaluation, Evaluations, evaluate
@@ -176,10 +177,26 @@ class TableFits:
             return self.fits[0].tables
         return self.at(require_temperature(prepared))
 
+    @property
+    def named_ohm(self) -> dict[str, float]:
+        """The mean of every pair's resistance, as `mean_ohm` has it."""
+        pairs = self.fits[0].tables.resistances[1:]
+        return {name: self.mean_ohm(name) for name in pairs}
+
     def mean_ohm(self, name: str) -> float:
         """The mean of a resistance over the visited SOC above 10 %, and over temperatures."""
         means = [mean for fit in self.fits for mean in fit.means if mean.name == name]
         return float(np.mean([mean.value for mean in means]))
+
+    def other_sampling(self, records: Sequence[PreparedRecord]) -> Resampling | None:
+        """What the other sampling of the current makes of the mean resistances, where it is open in
+        the records that the tables were fitted to."""
+        return resampling(records, self.fits[0].tables, self.named_ohm)
+
+    def least_r0_shares(self, records: Sequence[PreparedRecord]) -> dict[str, float]:
+        """By what share of itself R0 may be less, with a pair in it that the samples would not
+        show; nothing within bounds of R0 that somebody gave."""
+        return {} if R0 in self.settings.ranges else {R0: least_r0_share(records) - 1}
 
     def spanning(
         self, shifts_ohm: Sequence[float], shares: Mapping[str, float] | None = None

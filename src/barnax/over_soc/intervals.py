@@ -21,9 +21,9 @@ from ..cell.elements import alike, rungs_of
 from ..cell.parameters import HALF_HYSTERESIS, OCV, OCV_CORRECTION, CircuitParameters
 from ..cell.soc_axis import is_above
 from ..execution import in_float64
-from ..model.exponentials import span_through
+from ..model.exponentials import span_around
 from ..model.prepared import PreparedRecord
-from ..model.reduced import Columns, blocks
+from ..model.reduced import Columns, Reduced, blocks
 from ..model.reference import errors_along
 from ..search.evaluate import nuisance_columns, one_clock
 from ..uncertainty.identifiability import are_one
@@ -61,8 +61,9 @@ class _Moves:
     by_best_nuisances: Float[np.ndarray, "values"]
     is_seen: Bool[np.ndarray, "values"]
 
-    def reach(self, weights: Float[np.ndarray, "values"]) -> tuple[float, float] | None:
-        """The standard error of a sum of values, and half its interval; None of what is unseen."""
+    def reach(self, weights: Float[np.ndarray, "values"]) -> tuple[float, float, float] | None:
+        """The standard error of a sum of values, half its interval and its degrees of freedom;
+        None of what is unseen."""
         if not np.any(weights[self.is_seen]):
             return None
         beside = float(np.sum((weights @ self.beside) ** 2))
@@ -159,25 +160,24 @@ def _moves_of(
         axis.low < scale < axis.high
         for axis, scale in zip(lighter.axes, best.log_scales, strict=True)
     ]
-    of_tables = lighter.ways(light)
     dependence, numbers = lighter.prepared_records[0].dependence, lighter.numbers
-    of_constants = block_diag(np.eye(len(is_open))[:, is_open], np.eye(len(numbers)))
     nuisances_v, nuisances_sd = nuisance_columns(lighter.prepared_records)
-    ways = np.asarray(block_diag(of_tables, of_constants, np.eye(len(nuisances_sd))))
-    values = np.concatenate(light.values)[:, None]
+    beside = np.eye(len(numbers) + len(nuisances_sd))
+    others = np.asarray(block_diag(np.eye(len(is_open))[:, is_open], beside))
     # Beside the error, the one that lines leave of the curves.
-    sides = np.hstack([values, np.zeros_like(values)])
+    sides = np.concatenate(light.values)[:, None] * [1.0, 0.0]
     rows = _with_curves(lighter, curves, nuisances_v, linearized(lighter, light))
-    (noise, *_), to_noise, products, slopes = noises_behind(lighter, sides, ways, rows)
-    normal = with_penalty(lighter, products, of_tables)
+    fit = Linearized.of(lighter, light, others, rows, sides)
+    ways, slopes, weight = fit.ways, fit.slopes, fit.prior_weight
+    normal = with_penalty(lighter, fit.products, ways)
     usual = {} if dependence is None else dependence.usual
     given = np.arange(len(normal) - len(nuisances_sd), len(normal))
-    weight = float(np.mean(np.diag(noise.spread_v2))) / lighter.reduced.scored
     normal[given, given] += weight
     places = [len(normal) - len(given) - len(numbers) + [*numbers].index(name) for name in usual]
     pull = best.objective_v2 * np.array([number.pull for number in usual.values()])
     normal[places, places] += pull
-    is_seen = np.diag(products) > UNSEEN**2 * np.max(np.diag(products))
+    lengths = np.diag(fit.products)
+    is_seen = lengths > UNSEEN**2 * np.max(lengths)
     # Columns of H^-1 J' / N by which the noise moves every value.
     # By least squares, for a short record leaves some of them undetermined.
     by_nuisances = ways @ np.linalg.lstsq(normal, np.eye(len(normal))[:, given])[0]
@@ -185,8 +185,8 @@ def _moves_of(
     back = ways @ np.linalg.lstsq(normal, np.eye(len(normal))[:, places])[0]
     errors = pull * np.array([number.sd for number in usual.values()])
     return _Moves(
-        noise=noise,
-        by_noise=ways @ np.linalg.lstsq(normal, to_noise.T)[0],
+        noise=fit.noises[0],
+        by_noise=ways @ np.linalg.lstsq(normal, fit.to_noise.T)[0],
         beside=np.hstack([weight * by_nuisances, back * errors]),
         by_lines=ways @ np.linalg.lstsq(normal, slopes[:, 1])[0],
         by_best_nuisances=-by_nuisances @ (slopes[given, 0] + weight * nuisances_sd),
@@ -238,65 +238,90 @@ def unsmoothed(objective: TableObjective, found: Solution) -> tuple[TableObjecti
 def with_penalty(
     objective: TableObjective,
     products: Float[np.ndarray, "ways ways"],
-    of_tables: Float[np.ndarray, "values few"],
+    ways: Float[np.ndarray, "values ways"],
 ) -> Float[np.ndarray, "ways ways"]:
-    """J'J / N with what the smoothing adds, the first ways being those of the tables."""
-    normal, count = products.copy(), of_tables.shape[1]
-    bent = objective.table_penalty @ of_tables
-    normal[:count, :count] += bent.T @ bent
-    return normal
+    """J'J / N with what the smoothing adds, the first values being those of the tables."""
+    bent = objective.table_penalty @ ways[: len(objective.to_tables)]
+    return products + bent.T @ bent
 
 
-def noises_behind(
-    objective: TableObjective,
-    values: Float[np.ndarray, "values sides"],
-    ways: Float[np.ndarray, "all_values ways"],
-    rows: Iterable[Rows],
-) -> tuple[
-    list[Noise],
-    Float[np.ndarray, "seen ways"],
-    Float[np.ndarray, "ways ways"],
-    Float[np.ndarray, "ways sides"],
-]:
-    """The noise in coordinates Q, the T / N with J = Q T, J'J / N and J'e / N of some ways to move,
-    from the rows of `linearized`: of every side, with its tables' values."""
-    time_s = one_clock(objective.prepared_records)
-    longest_s = max(prepared.scored_duration_s for prepared in objective.prepared_records)
-    slots = Slots.of(time_s, longest_s, MAX_SLOTS)
-    width, sides = ways.shape[1], values.shape[1]
-    counts, errors = np.zeros(slots.count), np.zeros((slots.count, sides))
-    sums = np.zeros((slots.count, width))
-    products, slopes, first = np.zeros((width, width)), np.zeros((width, sides)), 0
-    squares_v2 = np.zeros(sides)
-    for columns, base, informed in rows:
-        here = time_s[first : first + len(base)][informed]
-        first += len(base)
-        error = (base + columns[:, : len(values)] @ values)[informed]
-        columns = columns[informed] @ ways
-        counts += slots.gathered(here, np.ones(len(error)))
-        errors += slots.gathered(here, error)
-        sums += slots.gathered(here, columns)
-        products += columns.T @ columns
-        slopes += columns.T @ error
-        squares_v2 += np.einsum("ij,ij->j", error, error)
-    scale = np.sqrt(np.diag(products))
-    scale = np.where(scale > 0, scale, 1.0)
-    lengths, vectors = np.linalg.eigh(products / np.outer(scale, scale))
-    seen = lengths > UNSEEN * lengths[-1]
-    # J = Q T with T the square root of J'J in the seen directions.
-    root = np.sqrt(lengths[seen])
-    to_noise = root[:, None] * vectors[:, seen].T * scale
-    columns = (sums / scale) @ vectors[:, seen] / root
-    noises = fit_gathered(
-        slots,
-        counts=counts,
-        errors_v=errors,
-        columns=columns,
-        products=np.eye(len(root)),
-        squares_v2=squares_v2,
-    )
-    samples = len(time_s)
-    return noises, to_noise / samples, products / samples, slopes / samples
+@dataclass(frozen=True, eq=False)
+class Linearized:
+    """The least squares of N samples, linearized at an optimum along some ways to move values.
+
+    With J = Q T and H = J'J / N and the smoothing, a noise u moves the values by the ways times
+    H^-1 T' Q' u / N: their covariance is the sandwich H^-1 J' G J H^-1 / N^2, G that of the noise.
+
+    Attributes:
+        ways: By how much each way moves every value.
+        noises: The noise of every side, in the coordinates Q.
+        to_noise: T / N.
+        products: J'J / N.
+        slopes: J'e / N of every side.
+        prior_weight: What a value known beside the voltages weighs, within a standard deviation of
+            one: the strength of the first noise over N.
+    """
+
+    ways: Float[np.ndarray, "values ways"]
+    noises: list[Noise]
+    to_noise: Float[np.ndarray, "seen ways"]
+    products: Float[np.ndarray, "ways ways"]
+    slopes: Float[np.ndarray, "ways sides"]
+    prior_weight: float
+
+    @classmethod
+    def of(
+        cls,
+        objective: TableObjective,
+        optimum: Solution,
+        others: Float[np.ndarray, "others other_ways"],
+        rows: Iterable[Rows],
+        values: Float[np.ndarray, "tables_values sides"] | None = None,
+    ) -> "Linearized":
+        """From the rows of `linearized`, in the ways that the bounds leave the tables and in those
+        of all `others`; every side has tables of its own `values`, or those of the optimum."""
+        if values is None:
+            values = np.concatenate(optimum.values)[:, None]
+        ways = np.asarray(block_diag(objective.ways(optimum), others))
+        time_s = one_clock(objective.prepared_records)
+        longest_s = max(prepared.scored_duration_s for prepared in objective.prepared_records)
+        slots = Slots.of(time_s, longest_s, MAX_SLOTS)
+        width, sides = ways.shape[1], values.shape[1]
+        counts, errors = np.zeros(slots.count), np.zeros((slots.count, sides))
+        sums = np.zeros((slots.count, width))
+        products, slopes, first = np.zeros((width, width)), np.zeros((width, sides)), 0
+        squares_v2 = np.zeros(sides)
+        for columns, base, informed in rows:
+            here = time_s[first : first + len(base)][informed]
+            first += len(base)
+            error = (base + columns[:, : len(values)] @ values)[informed]
+            columns = columns[informed] @ ways
+            counts += slots.gathered(here, np.ones(len(error)))
+            errors += slots.gathered(here, error)
+            sums += slots.gathered(here, columns)
+            products += columns.T @ columns
+            slopes += columns.T @ error
+            squares_v2 += np.einsum("ij,ij->j", error, error)
+        scale = np.sqrt(np.diag(products))
+        scale = np.where(scale > 0, scale, 1.0)
+        lengths, vectors = np.linalg.eigh(products / np.outer(scale, scale))
+        seen = lengths > UNSEEN * lengths[-1]
+        # J = Q T with T the square root of J'J in the seen directions.
+        root = np.sqrt(lengths[seen])
+        to_noise = root[:, None] * vectors[:, seen].T * scale
+        columns = (sums / scale) @ vectors[:, seen] / root
+        noises = fit_gathered(
+            slots,
+            counts=counts,
+            errors_v=errors,
+            columns=columns,
+            products=np.eye(len(root)),
+            squares_v2=squares_v2,
+        )
+        samples = len(time_s)
+        parts = (part / samples for part in (to_noise, products, slopes))
+        strength_v2 = float(np.mean(np.diag(noises[0].spread_v2)))
+        return cls(ways, noises, *parts, prior_weight=strength_v2 / samples)
 
 
 def linearized(
@@ -305,49 +330,36 @@ def linearized(
     beside_v: Float[np.ndarray, "simulated sides"] | None = None,
     further: Callable[[int], Float[np.ndarray, "scored further"]] | None = None,
 ) -> Iterator[Rows]:
-    """Columns of all unknowns, of all axes, of a dependence's numbers and of `further` unknowns at
+    """Columns of all values, of all axes, of a dependence's numbers and of `further` unknowns at
     the scored samples, the base error of every side, and which of them come after the first load.
 
     `beside_v` is as `reduce_records` has it; `further` gives the columns of a record by its place.
     """
-    pairs, layout = objective.pairs, objective.reduced.layout
-    tau, rate = found.log_scales[:pairs], found.log_scales[pairs:]
+    tau, rate = found.log_scales[: objective.pairs], found.log_scales[objective.pairs :]
     rungs = rungs_of(objective.elements)
-    rung_scales = [tau[rung.element] + math.log(rung.ratio) for rung in rungs]
-    in_tau = span_through(_around(rung_scales))
-    in_rate = span_through([-scale for scale in _around(rate)]) if rate else None
-    layout = replace(layout, in_tau=in_tau, in_rate=in_rate)
-    part = replace(objective.reduced, layout=layout)
+    in_tau = span_around([tau[rung.element] + math.log(rung.ratio) for rung in rungs], STEP)
+    in_rate = span_around([-scale for scale in rate], STEP) if rate else None
+    layout = replace(objective.reduced.layout, in_tau=in_tau, in_rate=in_rate)
+    # Of tables' values: steps of an OCV that rises are unknowns.
+    by_values = replace(objective, settings=replace(objective.settings, rising_ocv=False))
     for place, prepared in enumerate(objective.prepared_records):
-        beside = _dependence_slopes(prepared, objective.tables_at(found))
+        of_numbers = _dependence_slopes(prepared, objective.tables_at(found))
         none = np.empty((np.count_nonzero(prepared.scored), 0))
         others, first = none if further is None else further(place), 0
-        for block in blocks(prepared, layout, beside_v):
+        for block in blocks(prepared, layout):
             scored = prepared.scored[block.here]
             if not np.any(scored):
                 continue
-            rows = replace(part, scored=1, factor=block.rows(layout, scored))
-            answers, responses, initial, current, correction, base = map(rows.part, layout.sizes)
-            taus = np.zeros((3 * pairs, *answers.shape[1:]))
-            for own, rung in zip(answers.reshape(-1, 3, *answers.shape[1:]), rungs, strict=True):
-                taus[3 * rung.element : 3 * rung.element + 3] += rung.share * own
-            amplitude, base = list(initial), base[:, :, 0].T
-            if rate and layout.has_amplitude:
-                amplitude = [initial[0] + responses[1]]
-            elif rate:
-                base = base + responses[1]
-            tables = [*current, *taus[1::3], *correction, *amplitude]
-            moved = [
-                (taus[3 * pair + 2] - taus[3 * pair]) @ found.values[pair + 1] / (2 * STEP)
-                for pair in range(pairs)
-            ]
-            if rate:
-                counts = found.values[-1] if layout.has_amplitude else np.ones(1)
-                moved.append((responses[2] - responses[0]) @ counts / (2 * STEP))
-            moved += [slope[block.here][scored] for slope in beside]
+            sampled = replace(by_values, reduced=Reduced(layout, 1, block.rows(layout, scored)))
+            columns, base = sampled.columns(found.log_scales)
+            slopes = [*sampled.error_slopes(found)]
+            slopes += [slope[block.here][scored] for slope in of_numbers]
             here, first = slice(first, first + len(base)), first + len(base)
-            columns = np.concatenate([*tables, np.stack(moved, axis=1), others[here]], axis=1)
-            yield columns, base, prepared.informed[block.here][scored]
+            columns = np.column_stack([columns, *slopes, others[here]])
+            sides = (
+                base[:, None] if beside_v is None else base[:, None] + beside_v[block.here][scored]
+            )
+            yield columns, sides, prepared.informed[block.here][scored]
 
 
 def _dependence_slopes(
@@ -362,8 +374,3 @@ def _dependence_slopes(
         above, below = (errors_along(prepared, replace(tables, dependence=one)) for one in laws)
         found.append((above - below) / (2 * STEP))
     return found
-
-
-def _around(scales: Sequence[float]) -> list[float]:
-    """Every scale with what is one step beside it."""
-    return [scale + step for scale in scales for step in (-STEP, 0.0, STEP)]

@@ -14,12 +14,11 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import block_diag
 
 from ..model.descent import polish
 from ..model.prepared import PreparedRecord
 from ..model.search_space import Range
-from .intervals import UNSEEN, linearized, noises_behind, unsmoothed, with_penalty
+from .intervals import UNSEEN, Linearized, linearized, unsmoothed, with_penalty
 from .level import leveled, with_own_ocv
 from .objective import Solution, TableObjective
 from .problem import held_at, reduced_objective
@@ -86,19 +85,17 @@ def estimate(
     and P its weight in the least squares, the noise's own strength over S.
     """
     lighter, light = unsmoothed(objective, best)
-    of_tables, axes = lighter.ways(light), len(objective.axes)
-    count, others = of_tables.shape[1], axes + len(objective.numbers) + now.size
-    ways = np.asarray(block_diag(of_tables, np.eye(others)))
+    others = np.eye(len(objective.axes) + len(objective.numbers) + now.size)
     # The error falls where the simulated voltage rises.
     rows = linearized(lighter, light, further=lambda index: -nuisances(lighter, light, index))
-    values = np.concatenate(light.values)
-    (noise,), to_noise, products, slopes = noises_behind(lighter, values[:, None], ways, rows)
-    normal, slopes = with_penalty(lighter, products, of_tables), slopes[:, 0]
-    weight = float(np.mean(np.diag(noise.spread_v2))) / objective.reduced.scored
+    fit = Linearized.of(lighter, light, others, rows)
+    normal, slopes = with_penalty(lighter, fit.products, fit.ways), fit.slopes[:, 0]
+    noise, weight, values = fit.noises[0], fit.prior_weight, np.concatenate(light.values)
     wanted = np.empty((0, len(values))) if wanted is None else wanted
     own = slice(len(normal) - now.size, len(normal))
+    scales = len(normal) - len(others) + np.arange(len(objective.axes))
     told = np.eye(len(normal))[own]
-    picked = np.vstack([told, wanted @ ways[: len(values)]])
+    picked = np.vstack([told, wanted @ fit.ways[: len(values)]])
 
     def under(prior: Float[np.ndarray, "nuisances"]) -> Estimated:
         known = np.diag(1 / prior), now / prior
@@ -107,7 +104,7 @@ def estimate(
         pull, pushed, stiff = weight * known[0].T, slopes.copy(), normal.copy()
         stiff[own, own] += pull @ known[0]
         pushed[own] += pull @ known[1]
-        moved = np.linalg.lstsq(stiff, np.column_stack([pushed, to_noise.T]))[0]
+        moved = np.linalg.lstsq(stiff, np.column_stack([pushed, fit.to_noise.T]))[0]
         back = picked @ np.linalg.lstsq(stiff, told.T)[0]
         by_noise = picked @ moved[:, 1:]
         by_known = back @ pull
@@ -118,7 +115,7 @@ def estimate(
         return Estimated(
             np.append(now, wanted @ values) - picked @ moved[:, 0],
             by_noise @ noise.spread_v2 @ by_noise.T + by_known @ by_known.T,
-            -moved[count : count + axes, 0],
+            -moved[scales, 0],
             by_known[:, : now.size],
             float(-(misfit + volume) / 2 - np.sum(np.log(prior))),
         )

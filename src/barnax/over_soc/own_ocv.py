@@ -30,7 +30,7 @@ from .node_interval import parts_of
 from .nuisances import offset_effect
 from .objective import Solution, TableObjective
 from .own_starts import OwnRecords, Starts, windows_of
-from .problem import box_of, reduced_objective
+from .problem import box_of, solved_at
 from .settings import TableSettings
 from .temperature import TableFits, fit_temperatures, group_by_temperature
 
@@ -122,14 +122,12 @@ def compare_with_own(
     """How far an OCV of the records' own is from their cell's, at the time constants of tables that
     were fitted to them; None where they visit too little."""
     first = prepared_records[0]
-    found = fit.tables.constants
-    ranges = {name: (found[name], found[name]) for name in box_of(prepared_records, settings)}
+    names = box_of(prepared_records, settings)
+    log_scales = tuple(math.log(fit.tables.constants[name]) for name in names)
     settings = with_own_ocv(replace(settings, folds=0))
     records = [one.following(fit.tables.dependence) for one in leveled(prepared_records)]
-    objective = reduced_objective(records, settings, ranges)
     with one_blas_thread():
-        log_scales = tuple(math.log(low) for low, _ in ranges.values())
-        best = objective.solve(log_scales, exact=True)
+        objective, best = solved_at(records, settings, names, log_scales, exact=True)
     nodes, own_v = objective.ocv_at(best)
     seen = nodes[objective.visited_of(objective.names.index(OCV))]
     soc = COMPARED_SOC[(seen.min() <= COMPARED_SOC) & (seen.max() >= COMPARED_SOC)]

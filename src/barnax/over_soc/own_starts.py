@@ -23,7 +23,7 @@ from ..records import Record
 from ..records.record import in_means
 from .level import cell_of, level_cell, with_own_ocv
 from .objective import Solution, TableObjective
-from .problem import find_best, held_at, reduced_objective
+from .problem import find_best, reduced_objective, solved_at
 from .registration import MEANS_S, ROUNDS, register
 from .settings import TableSettings
 
@@ -262,13 +262,12 @@ class OwnRecords:
         found, others, has_rate = [*prepared], dict[str, float](), get_circuit(circuit).has_rate
 
         def left_v(records: Sequence[PreparedRecord]) -> float:
-            tried = reduced_objective(records, quick, held)
-            return float(np.linalg.norm(tried.solve(best.log_scales, exact=True).error))
+            at = objective.ranges, best.log_scales
+            return float(np.linalg.norm(solved_at(records, quick, *at, exact=True)[1].error))
 
         with one_blas_thread():
             objective = reduced_objective(prepared, quick)
             best = find_best(objective)
-            held = held_at(objective.ranges, best.log_scales)
             for place, one in enumerate(prepared):
                 if not has_rate or one.start.direction_source != "assumed":
                     continue

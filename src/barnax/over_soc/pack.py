@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import block_diag
 
 from ..blas import one_blas_thread
 from ..cell import CircuitParameters
@@ -21,7 +20,7 @@ from ..execution import in_float64
 from ..model.descent import polish
 from ..model.prepared import PreparedRecord
 from ..model.reduced import together
-from .intervals import LIGHT, UNSEEN, linearized, noises_behind, unsmoothed, with_penalty
+from .intervals import LIGHT, UNSEEN, Linearized, linearized, unsmoothed, with_penalty
 from .level import leveled, with_own_ocv
 from .objective import Solution, TableObjective
 from .problem import box_of, reduced_objective
@@ -199,25 +198,21 @@ class _Spread:
     ) -> "_Spread":
         """The spread of every side, whose values are those of its light fit."""
         lighter = replace(objective, smoothing_scale=LIGHT)
-        of_tables = lighter.ways(light[0])
-        others = len(lighter.axes) + len(lighter.numbers)
-        ways = np.asarray(block_diag(of_tables, np.eye(others)))
         values = np.column_stack([np.concatenate(solution.values) for solution in light])
-        layout = replace(lighter.reduced.layout, sides=len(light))
-        sided = replace(lighter, reduced=replace(lighter.reduced, layout=layout))
-        rows = linearized(sided, light[0], sides_v)
-        noises, to_noise, products, slopes = noises_behind(lighter, values, ways, rows)
+        others = np.eye(len(lighter.axes) + len(lighter.numbers))
+        rows = linearized(lighter, light[0], sides_v)
+        fit = Linearized.of(lighter, light[0], others, rows, values)
         # All tables are at their best; what is left is the slope by the scales, beside the mean's.
-        by_scales = slopes[:, :1] - slopes
-        by_scales[: of_tables.shape[1]] = 0.0
+        by_scales = fit.slopes[:, :1] - fit.slopes
+        by_scales[: -len(others)] = 0.0
 
         def turned(weighted: TableObjective, pushes: np.ndarray) -> np.ndarray:
-            normal = with_penalty(weighted, products, of_tables)
-            return (ways @ np.linalg.lstsq(normal, pushes, UNSEEN**2)[0])[: len(values)]
+            normal = with_penalty(weighted, fit.products, fit.ways)
+            return (fit.ways @ np.linalg.lstsq(normal, pushes, UNSEEN**2)[0])[: len(values)]
 
         return cls(
-            noises,
-            turned(lighter, to_noise.T),
+            fit.noises,
+            turned(lighter, fit.to_noise.T),
             (turned(objective, by_scales), turned(lighter, by_scales)),
         )
 

@@ -16,7 +16,7 @@ from ..cell.elements import get_element, names_of
 from ..cell.parameters import OHMIC, RATE
 from ..cell.soc_axis import ABOVE_SOC, is_above
 from ..errors import InputError
-from ..model.descent import Descended, Found, GridSizes, lowest_scales, polish
+from ..model.descent import Descended, Found, GridSizes, LogScales, lowest_scales, polish
 from ..model.exponentials import span_through
 from ..model.intervals import AT_ONCE
 from ..model.layout import Layout, span_ends, spans_between
@@ -25,7 +25,7 @@ from ..model.reduced import Groups, Reduced, reduce_records, scored_alone, toget
 from ..model.sampling import FASTEST_TAU_S
 from ..model.search_space import RATE_RANGE, Range
 from ..records.record import LEAST_REACH, reach_of_steps
-from .objective import TableObjective
+from .objective import Solution, TableObjective
 from .settings import SLOWEST_SHARE, SLOWEST_TAU_S, TableSettings
 
 # Records that go less SOC than this without turning tell nothing of the branch of that direction.
@@ -99,6 +99,19 @@ def held_at(names: Iterable[str], log_scales: Sequence[float]) -> dict[str, Rang
     """The ranges that hold the time constants and gamma at some scales: far less to reduce for."""
     scales = zip(names, log_scales, strict=True)
     return {name: (math.exp(scale), math.exp(scale)) for name, scale in scales}
+
+
+def solved_at(
+    prepared_records: Sequence[PreparedRecord],
+    settings: TableSettings,
+    names: Iterable[str],
+    log_scales: LogScales,
+    exact: bool = False,
+) -> tuple[TableObjective, Solution]:
+    """The objective at some scales alone, and the best tables there."""
+    held = held_at(names, log_scales)
+    objective = reduced_objective(prepared_records, settings, held)
+    return objective, objective.solve(log_scales, exact=exact)
 
 
 def box_of(prepared_records: Sequence[Any], settings: TableSettings) -> dict[str, Range]:

@@ -34,7 +34,7 @@ from .cross_validation import held_out
 from .dependence import polished
 from .nuisances import estimate, of_starts, shared_offset
 from .objective import Solution, TableObjective
-from .problem import box_of, find_best, held_at, is_loaded, reduced_objective
+from .problem import box_of, find_best, is_loaded, reduced_objective, solved_at
 from .settings import TableSettings
 
 # Standard deviations of what is told: of a start at a full charge, of the voltage at a rest, of the
@@ -84,16 +84,15 @@ def register(
     to_axis = np.eye(prior.size) - np.tile(shares.reshape(-1, 2).T, (len(prior), 1))
     with one_blas_thread():
         dependence = prepared_records[0].dependence
-        held = held_at(box_of(found, plain), log_scales) if log_scales else None
-        objective = reduced_objective(found, plain, held)
-        best = objective.solve(log_scales) if log_scales else find_best(objective)
+        if log_scales:
+            objective, best = solved_at(found, plain, box_of(found, plain), log_scales)
+        else:
+            objective = reduced_objective(found, plain)
+            best = find_best(objective)
         as_told = objective, best
         for number in range(rounds):
             if number:
-                objective = reduced_objective(
-                    found, plain, held_at(objective.ranges, best.log_scales)
-                )
-                best = objective.solve(best.log_scales)
+                objective, best = solved_at(found, plain, objective.ranges, best.log_scales)
                 dependence = dependence and polished(objective, best, dependence)[0]
             estimated = estimate(objective, best, _of_starts, shifts.ravel(), [prior.ravel()])[0]
             moved = (to_axis @ estimated.values).reshape(shifts.shape)
@@ -159,15 +158,11 @@ def register_alone(prepared: PreparedRecord, settings: TableSettings) -> Prepare
             prepared, prepared, *shift.tolist(), *(errors or (0.0, 0.0)), by="OCV test"
         )
 
-    def fitted(
-        record: PreparedRecord, at: LogScales, how: TableSettings
-    ) -> tuple[TableObjective, Solution]:
-        own = reduced_objective([record], how, held_at(objective.ranges, at))
-        return own, own.solve(at)
-
     def objective_v2(shift: Float[np.ndarray, "two"]) -> float:
         record = moved(shift) if np.all(np.abs(shift) <= furthest) else None
-        return np.inf if record is None else fitted(record, at, plain)[1].objective_v2
+        if record is None:
+            return np.inf
+        return solved_at([record], plain, objective.ranges, at)[1].objective_v2
 
     # By the rest alone; time constants of what was told would be those of its wrong OCV.
     guess = np.array([0.0, rest.share])
@@ -186,15 +181,17 @@ def register_alone(prepared: PreparedRecord, settings: TableSettings) -> Prepare
         found = moved(best.x)
         if found is None or best.fun > (1 - LEAST_FALL) ** 2 * kept.objective_v2:
             return prepared
-        before = held_out(*fitted(prepared, kept.log_scales, settings))
-        after = held_out(*fitted(found, at, settings))
+        names = objective.ranges
+        before = held_out(*solved_at([prepared], settings, names, kept.log_scales))
+        after = held_out(*solved_at([found], settings, names, at))
         if before is not None and after is not None:
             one, other = after.errors, before.errors
             # Of all samples, or of those above 10 % SOC.
             if one.rmse_v > other.rmse_v or (one.above_v or 0.0) > (other.above_v or math.inf):
                 return prepared
         prior = furthest / FURTHEST
-        errors = estimate(*fitted(found, at, plain), _of_starts, np.zeros(2), [prior])[0].errors
+        fitted = solved_at([found], plain, names, at)
+        errors = estimate(*fitted, _of_starts, np.zeros(2), [prior])[0].errors
     return moved(best.x, *errors.tolist()) or found
 
 

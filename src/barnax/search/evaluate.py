@@ -242,7 +242,11 @@ def open_starts(
     ]
     columns = np.asarray(block_diag(*by_start_v))
     is_open = np.any(columns != 0, axis=0)
-    shifts_sd = np.array([own.start_shift_sd for own in prepared_records])
+    shifts_sd = np.zeros(len(prepared_records))
+    for number, prepared in enumerate(prepared_records):
+        moved = prepared.window.registration
+        if moved is not None and moved.told_sd:
+            shifts_sd[number] = (prepared.start.soc - moved.told_soc) / moved.told_sd
     return columns[:, is_open], shifts_sd[is_open]
 
 

@@ -17,7 +17,6 @@ from ..display import Brief
 from ..errors import InputError
 from ..execution import compile_for, in_float64, run_blocks, seed_blocks, wanted_rows
 from ..model.coordinates import Scale
-from ..model.padding import padding_for
 from ..model.problem import Kind, Objective, Problem, rmse, rmse_by_scan
 from ..optimizers import OPTIMIZERS, AbstractPopulationMinimiser
 from ..schema import ARRAY, Count, Loss, Unstored
@@ -141,9 +140,9 @@ def search_many(
 ) -> list[Search]:
     """`search_seeds` for every problem; each answer is bit for bit what it would be alone.
 
-    Problems of one kind share one compiled program, however long their records: compressed records
-    have the same size if their boxes span the same decades, and for the scan, shorter records are
-    padded with samples that are not counted.
+    Problems of one kind share compiled programs: compressed records have the same size if their
+    boxes span the same decades, and for the scan, records of many lengths are padded, with samples
+    that are not counted, to one size an octave.
 
     Args:
         problems: Problems from `make_problem`.
@@ -161,16 +160,21 @@ def search_many(
         for block in seed_blocks(seeds)
     ]
 
-    fill = padding_for(problem.objective.evaluator for problem in problems)
+    is_alone = len(problems) == 1
+    objectives = [
+        problem.objective
+        if is_alone or problem.kind != "scan"
+        else Objective(problem.padded_scan, problem.coordinates)
+        for problem in problems
+    ]
 
     @in_float64  # the setting belongs to a thread
     def run(work):
-        problem, keys = work
-        objective = Objective(fill(problem.objective.evaluator), problem.objective.coordinates)
+        objective, keys = work
         search = compile_for(_search, optimizer, objective, keys)
         return jax.tree.map(np.asarray, search(optimizer, objective, keys))
 
-    work = [(problem, keys) for problem in problems for keys in block_keys]
+    work = [(objective, keys) for objective in objectives for keys in block_keys]
     outcomes = run_blocks(run, work, wanted_rows(seeds) * len(problems), progress)
     # The integer that `jax.random.key` makes this key from.
     integer = int.from_bytes(np.asarray(jr.key_data(key)).astype(">u4").tobytes(), "big")

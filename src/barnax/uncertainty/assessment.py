@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import stdtrit
 
 from ..blas import one_blas_thread
 from ..cell import CircuitParameters
@@ -19,7 +18,7 @@ from ..global_optimum.objective import ConstantObjective
 from ..model.prepared import PreparedRecord
 from ..model.problem import Problem, rmse_by_scan
 from ..schema import Unstored
-from .covariance import CONFIDENCE, Covariance, Estimate, Uncertainty, linear_end, linearize
+from .covariance import Covariance, Estimate, Uncertainty, linear_end, linearize
 from .identifiability import Identifiability, identifiability
 from .profiles import Profile, profile
 
@@ -70,7 +69,7 @@ def diagnostics(problem: Problem, covariance: Covariance) -> Diagnostics:
     """The residuals of an optimum over the scored samples of its records."""
     linearization, noise = covariance.linearization, covariance.noise
     prepared_records = problem.prepared_records
-    interval_s = linearization.interval_s
+    interval_s = float(np.median(np.diff(linearization.time_s)))
     time_s = noise.correlation_time_s(interval_s)
     rest_c = max(prepared.rest_current_a / prepared.capacity_ah for prepared in prepared_records)
     soc = np.concatenate([own.soc[own.scored] for own in prepared_records])
@@ -215,11 +214,10 @@ def _with_upper_ends(
     covariance = Covariance.of(linearize(problem, parameters, freed=names))
 
     def bounded(own: Estimate) -> Estimate:
-        freed = covariance.estimate_of(own.name, own.value)
-        if own.name not in names or freed.relative_error is None:
+        direction, _ = covariance.linearization.direction_of(own.name)
+        if own.name not in names or not np.any(direction):
             return own
-        factor = float(stdtrit(freed.degrees_of_freedom, (1 + CONFIDENCE) / 2))
-        return replace(own, high=linear_end(own.value, factor * freed.relative_error))
+        return replace(own, high=linear_end(own.value, covariance.reach(direction)[1]))
 
     return replace(uncertainty, estimates=tuple(map(bounded, uncertainty.estimates)))
 

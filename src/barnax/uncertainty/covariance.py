@@ -16,14 +16,12 @@ import jax
 import numpy as np
 from jaxtyping import Array, Bool, Float
 from scipy.linalg import block_diag
-from scipy.special import stdtrit
 
 from ..cell import CircuitParameters
 from ..cell.elements import names_beside
 from ..display import Brief
 from ..errors import InputError
 from ..execution import as_input, compile_for, in_float64
-from ..model.padding import records_in
 from ..model.problem import Objective, Problem, point_blocks, residuals
 from ..search.evaluate import one_clock, open_starts
 from ..search.refine import at_bound
@@ -72,16 +70,6 @@ class Linearization(Brief):
     def samples(self) -> int:
         return len(self.error_v)
 
-    @property
-    def logarithms(self) -> Float[np.ndarray, "free"]:
-        """The free parameters' logarithms."""
-        return self.point[list(self.free)]
-
-    @property
-    def interval_s(self) -> float:
-        """The median sampling interval."""
-        return float(np.median(np.diff(self.time_s)))
-
     def direction_of(self, name: str) -> tuple[Float[np.ndarray, "free"], Held | None]:
         """The move of a parameter's logarithm with the free ones', and why it is held if it is.
 
@@ -125,14 +113,7 @@ def linearize(
     here = as_input(point)
     program = compile_for(_errors_and_slopes, here, objective)
     error, slope = (np.asarray(part) for part in program(here, objective))
-    # Each record is as long as its padding made it.
-    lengths = [len(inputs.current_a) for inputs in records_in(objective.evaluator)]
-    scored = np.concatenate(
-        [
-            np.pad(prepared.scored, (0, length - len(prepared.scored)))
-            for prepared, length in zip(problem.prepared_records, lengths, strict=True)
-        ]
-    )
+    scored = np.concatenate([np.asarray(inputs.weight) for inputs in problem.padded_inputs]) > 0
     unit = np.sqrt(problem.scored)
     error_v, slope_v = unit * error[scored], unit * slope[scored]
     if not (np.all(np.abs(error_v) < LARGEST_NUMBER) and np.all(np.abs(slope_v) < LARGEST_NUMBER)):
@@ -301,6 +282,7 @@ class Covariance(Brief):
     starts_step: Float[np.ndarray, "starts"]
     starts_error: Float[np.ndarray, "starts"]
     _to_noise: Float[np.ndarray, "columns free"]
+    _to_starts: Float[np.ndarray, "starts free"]
 
     @classmethod
     def of(cls, linearization: Linearization) -> "Covariance":
@@ -319,7 +301,7 @@ class Covariance(Brief):
         matrix = moved @ spread_v2 @ moved.T
         told_v = math.sqrt(weight_v2) * linearization.starts_sd
         step = -moved @ np.append(vectors.T @ error_v, told_v)
-        to_noise = moved[:free, :count].T
+        to_noise, to_starts = np.split(moved[:free].T, [count])
         variance_v2 = float(error_v @ error_v) / max(len(error_v) - free, 1)
         return cls(
             linearization=linearization,
@@ -330,20 +312,22 @@ class Covariance(Brief):
             starts_step=step[free:],
             starts_error=np.sqrt(np.diag(matrix)[free:]),
             _to_noise=to_noise,
+            _to_starts=math.sqrt(weight_v2) * to_starts,
         )
+
+    def reach(self, direction: Float[np.ndarray, "free"]) -> tuple[float, float, float]:
+        """The standard error of `direction` . (free logarithms), half the interval of that, and the
+        degrees of freedom of both."""
+        by_starts = float(np.sum((self._to_starts @ direction) ** 2))
+        samples = int(np.count_nonzero(self.linearization.informed))
+        freedom = samples - len(self.linearization.names)
+        return self.noise.reach(self._to_noise @ direction, by_starts, freedom)
 
     def estimate(self, name: str, value: float, direction: Float[np.ndarray, "free"]) -> Estimate:
         """The estimate of a quantity whose logarithm moves by `direction` . (free logarithms)."""
-        linearization = self.linearization
-        error, white_noise_error = (
-            # Along what the data determine best, rounding can leave a variance below zero.
-            math.sqrt(max(float(direction @ matrix @ direction), 0.0))
-            for matrix in (self.matrix, self.white_noise_matrix)
-        )
-        freedom = self.noise.degrees_of_freedom(self._to_noise @ direction)
-        samples = int(np.count_nonzero(linearization.informed))
-        freedom = max(1.0, min(freedom, samples - len(linearization.names)))
-        half_width = float(stdtrit(freedom, (1 + CONFIDENCE) / 2)) * error
+        error, half_width, freedom = self.reach(direction)
+        # Along what the data determine best, rounding can leave a variance below zero.
+        white_noise_v2 = max(float(direction @ self.white_noise_matrix @ direction), 0.0)
         # Around the joint optimum, as far as the value.
         joint = float(direction @ self.step) if len(self.starts_error) else 0.0
         is_open = not half_width < math.log(WIDEST_FACTOR)
@@ -354,7 +338,7 @@ class Covariance(Brief):
             name=name,
             value=value,
             relative_error=error,
-            white_noise_relative_error=white_noise_error,
+            white_noise_relative_error=math.sqrt(white_noise_v2),
             degrees_of_freedom=freedom,
             low=None if is_open else float(value * np.exp(min(0.0, joint - half_width))),
             high=high,

@@ -48,6 +48,11 @@ MAX_DRAWN = 2**17
 MAX_SLOTS = 2**20
 
 
+def t_quantile(freedom: float) -> float:
+    """Half a confidence interval in standard errors, with so many degrees of freedom."""
+    return float(stdtrit(freedom, (1 + CONFIDENCE) / 2))
+
+
 @dataclass(frozen=True, eq=False)
 class Noise:
     """A fitted noise, and what it does to the coordinates of a projection.
@@ -76,14 +81,14 @@ class Noise:
         return np.tensordot(self.variance_v2, self.parts_spread, axes=1)
 
     def reach(
-        self, direction: Float[np.ndarray, "columns"], beside: float = 0.0
-    ) -> tuple[float, float]:
-        """The standard error of `direction` . Q' u and half its interval, with another variance
-        `beside` that of the noise."""
+        self, direction: Float[np.ndarray, "columns"], beside: float = 0.0, most: float = 1e6
+    ) -> tuple[float, float, float]:
+        """The standard error of `direction` . Q' u with another variance `beside` that of the
+        noise, half its interval, and its degrees of freedom, so many at most."""
         variance = float(direction @ self.spread_v2 @ direction) + beside
-        freedom = max(1.0, min(self.degrees_of_freedom(direction), 1e6))
+        freedom = max(1.0, min(self.degrees_of_freedom(direction), most))
         error = math.sqrt(max(variance, 0.0))
-        return error, float(stdtrit(freedom, (1 + CONFIDENCE) / 2)) * error
+        return error, t_quantile(freedom) * error, freedom
 
     def correlation_time_s(self, interval_s: float) -> float:
         """The integrated autocorrelation time: over it, the noise is worth one sample."""

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import stdtrit
 
 from ..cell import CircuitParameters
 from ..errors import InputError
 from ..global_optimum.objective import ConstantObjective, Solution
 from ..model.descent import LogScales, polish
 from ..model.problem import Problem
-from .covariance import CONFIDENCE, Covariance, linearize, named_values
+from .covariance import Covariance, linearize, named_values
+from .noise import t_quantile
 
 # Values to either side of the parameter's own.
 POINTS = 7
@@ -68,7 +68,7 @@ def profile(
         raise InputError(f"{name!r} has no profile because it is held: {held}")
     linear = covariance.estimate(name, values[name], direction)
     freedom = max(linearization.samples - len(linearization.names), 1)
-    quantile = stdtrit(linear.degrees_of_freedom, (1 + CONFIDENCE) / 2)
+    quantile = t_quantile(linear.degrees_of_freedom or 1.0)
     rise = (quantile * (linear.inflation or 1.0)) ** 2 / freedom
     best_v = float(np.sqrt(np.mean(linearization.error_v**2)))
     threshold_v = best_v * math.sqrt(1 + rise)
@@ -88,7 +88,8 @@ def profile(
     # What a quantity is made of may all move: C is largest where its tau is and its R is smallest.
     box, free = problem.log_coordinates, list(linearization.free)
     lower, upper = (np.asarray(end)[free] for end in (box.lower, box.upper))
-    to_lower, to_upper = linearization.logarithms - lower, upper - linearization.logarithms
+    logarithms = linearization.point[free]
+    to_lower, to_upper = logarithms - lower, upper - logarithms
     downward = np.where(direction > 0, direction * to_lower, -direction * to_upper)
     upward = np.where(direction > 0, direction * to_upper, -direction * to_lower)
     for side, end in ((-1, float(downward.sum())), (1, float(upward.sum()))):

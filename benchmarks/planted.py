@@ -121,6 +121,8 @@ FAULTS = (
     fault("R0 by the other sampling", "identification.py",
           "shifts_ohm.append(other.most_ohm)", "shifts_ohm.append(0.0)",
           "tests/test_other_sampling.py"),
+    fault("a pair that R0 hides", "over_soc/fits.py",
+          "{R0: least_r0_share(records) - 1}", "{R0: 0.0}", "tests/test_other_sampling.py"),
     fault("pairs by the other sampling", "model/sampling.py",
           "= own / others - 1", "= others / own - 1",
           "tests/test_other_sampling.py"),

@@ -23,6 +23,14 @@ from helpers.packs import PackedCell, alike, drive_a, frame, ocv_table, simulate
 
 SAMPLES = 4500
 START = PackedCell().soc
+# The cells' resistances are the same at every SOC.
+QUICK = {
+    "capacity": 5.0,
+    "window": Window(initial_soc=START),
+    "max_boxes": 0,
+    "folds": 0,
+    "nodes": (0.2, 0.4, 0.6, 0.8, 1.0),
+}
 
 
 @pytest.fixture(scope="module")
@@ -43,8 +51,7 @@ def voltages(cells):
 
 @pytest.fixture(scope="module")
 def pack(voltages):
-    options = {"capacity": 5.0, "window": Window(initial_soc=START), "max_boxes": 0}
-    return identify_pack(frame(*voltages), **options)
+    return identify_pack(frame(*voltages), **QUICK)
 
 
 def test_the_planted_cells_are_odd_and_no_others(pack):
@@ -72,8 +79,7 @@ def test_intervals_hold_what_is_true_where_the_current_flowed_before_each_sample
     ohm = np.array([cell.r0_ohm for cell in cells])
     # At the end of an interval, its pairs and OCV are what they are at the next sample's start.
     ends_v = simulated(cells, current_a) + np.outer(current_a - before_a, ohm)
-    options = {"capacity": 5.0, "window": Window(initial_soc=START), "max_boxes": 0}
-    rows = identify_pack(frame(ends_v, before_a), **options).rows()
+    rows = identify_pack(frame(ends_v, before_a), **QUICK).rows()
     for cell, row in zip(cells, rows, strict=True):
         assert row["R0 [Ohm]"] == pytest.approx(1.033 * cell.r0_ohm, rel=0.01)
         assert row["R0 [Ohm] low"] < cell.r0_ohm < row["R0 [Ohm] high"]

@@ -24,7 +24,7 @@ from barnax.model.window import Window
 from barnax.over_soc.intervals import intervals_of
 from barnax.over_soc.problem import reduced_objective
 from barnax.over_soc.settings import TableSettings
-from helpers.known_cell import R0_OHM, SMALL, TAU_S, made, ocv_v
+from helpers.known_cell import FEW_NODES, R0_OHM, SMALL, TAU_S, made, ocv_v
 from helpers.reference import make_record
 
 BETA, REFERENCE_DEGC = 0.06, 10.0
@@ -90,7 +90,7 @@ def warming():
 @pytest.fixture(scope="module")
 def followed(warming):
     """By what they follow; that it is chosen among all laws is a slow test."""
-    return identified(warming, resistances_follow="temperature")
+    return identified(warming, resistances_follow="temperature", nodes=FEW_NODES)
 
 
 def test_a_beta_of_the_measured_temperature_is_found(followed):

@@ -28,12 +28,12 @@ from barnax.reporting.identification import identification_document
 from barnax.reporting.parameters import fit_csv
 from barnax.reporting.view import View
 from barnax.settings import NODES
-from helpers.known_cell import R0_OHM, R_OHM, SMALL, TAU_S, made, ocv_v
+from helpers.known_cell import FEW_NODES, R0_OHM, R_OHM, SMALL, TAU_S, made, ocv_v
 from helpers.own_ocv import fit_with_ocv
 from helpers.reference import filtered_response, make_record
 
 GIVEN = {"tau1 [s]": 10.0, "tau2 [s]": 100.0}
-QUICK = TableSettings(max_boxes=0, folds=0)
+QUICK = TableSettings(nodes=FEW_NODES, max_boxes=0, folds=0)
 FROM_FULL = Window(initial_soc=1.0, capacity_ah=2.0)
 FAST = {"seeds": 0, "trust": "none", "max_boxes": 0}
 
@@ -55,7 +55,9 @@ def test_given_time_constants_give_the_accepted_errors(
     records = [read_record(folder / f"{name}_SP20-2.parquet") for name in names]
     profile = Window(start_after_step=3, initial_soc=1.0, score_steps=(7, 8), capacity_ah=2.0)
     windows = {each.name: profile for each in records}
-    settings = replace(QUICK, fixed=GIVEN, rising_ocv=rising, ocv_nodes=NODES, keep_starts=True)
+    settings = replace(
+        QUICK, nodes=NODES, fixed=GIVEN, rising_ocv=rising, ocv_nodes=NODES, keep_starts=True
+    )
     own = fit_with_ocv(records[:count], "so-rc", windows, settings)
     assert 1e3 * own.fit.objective_v == pytest.approx(root_mv, rel=1e-3)
     if not rising:
@@ -71,7 +73,7 @@ def test_given_time_constants_give_the_accepted_errors(
 def known():
     record, soc = made()
     window = {record.name: FROM_FULL}
-    return record, soc, fit_with_ocv([record], "so-rc", window, TableSettings(folds=0))
+    return record, soc, fit_with_ocv([record], "so-rc", window, replace(QUICK, max_boxes=TableSettings.max_boxes))
 
 
 def test_ocv_and_circuit_of_a_known_cell_are_found_and_proved(known):
@@ -240,7 +242,7 @@ def hysteretic(
 @pytest.fixture(scope="module", params=[pytest.param(0.0, marks=pytest.mark.slow), 0.006])
 def turning(request):
     record, soc = hysteretic(request.param)
-    return request.param, soc, barnax.identify(record, window=FROM_FULL, **FAST)
+    return request.param, soc, barnax.identify(record, window=FROM_FULL, nodes=FEW_NODES, **FAST)
 
 
 def test_a_hysteresis_is_found_with_the_ocv_where_there_is_one(turning):
@@ -363,7 +365,7 @@ def with_a_test(record, wrong):
     """The record identified with a test whose SOC is wrong by a share of the charge that is out."""
     soc = np.linspace(0, 1, 101)
     test = {"SOC": soc, "OCV [V]": ocv_v(1 - (1 - wrong) * (1 - soc))}
-    given = SMALL | {"capacity": 2.0, "resistances_follow": "none", "folds": 0}
+    given = SMALL | {"capacity": 2.0, "resistances_follow": "none", "folds": 0, "nodes": FEW_NODES}
     return barnax.identify([record], ocv=test, window=FROM_FULL, **given)
 
 

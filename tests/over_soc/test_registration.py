@@ -22,7 +22,7 @@ from barnax.records import read_record
 from barnax.reporting.view import View
 from barnax.reporting.wording import sentences
 from helpers import known_cell
-from helpers.known_cell import R0_OHM, R_OHM, SMALL, TAU_S, made, ocv_v
+from helpers.known_cell import FEW_NODES, R0_OHM, R_OHM, SMALL, TAU_S, made, ocv_v
 from helpers.problems import drive_a, simulated_record
 from helpers.reference import drop_v, filtered_response, make_record
 
@@ -46,7 +46,7 @@ def identified(records, **options):
 
 @pytest.fixture(scope="module")
 def registered(records):
-    return identified(records, folds=0)
+    return identified(records, folds=0, nodes=FEW_NODES)
 
 
 @pytest.mark.slow
@@ -96,7 +96,7 @@ def test_starts_and_capacities_are_found_up_to_the_axis(registered):
 
 @pytest.mark.slow
 def test_registered_records_agree_where_those_as_told_do_not(records, registered):
-    kept = identified(records, keep_starts=True, folds=0)
+    kept = identified(records, keep_starts=True, folds=0, nodes=FEW_NODES)
     assert [each.window.registration for each in kept.inputs] == [None] * 3
     # What was told is half a percent wrong; the noise is 0.2 mV.
     assert registered.metrics.identification.rmse_v < 0.5 * kept.metrics.identification.rmse_v

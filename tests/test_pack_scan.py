@@ -45,6 +45,7 @@ def test_cells_that_are_scanned_have_their_own_lags_and_resistances_that_do_not_
     pack = barnax.identify_pack(
         frame(*scanned(cells, lag_s)),
         ocv=[ocv_table()], capacity=5.0, window=barnax.Window(initial_soc=0.97), max_boxes=0,
+        folds=0, nodes=(0.2, 0.4, 0.6, 0.8, 1.0),
     )  # fmt: skip
     rows = pack.rows()
     assert [row[LAG] for row in rows] == pytest.approx(lag_s.tolist(), abs=0.03)

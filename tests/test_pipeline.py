@@ -42,9 +42,20 @@ def test_no_answer_lies_above_the_proved_optimum(few):
     assert few.constant.refined.rmse_v >= optimum.lower_bound_v
 
 
-def test_where_the_optimum_is_not_looked_for_the_seeds_answer_stands(monkeypatch):
-    # As of a box that is too wide.
+@pytest.fixture
+def too_wide(monkeypatch):
+    """Every box is too wide to look for the optimum."""
     monkeypatch.setattr(Problem, "is_compressible", property(lambda problem: False))
+
+
+@pytest.mark.usefixtures("too_wide")
+def test_in_a_box_that_is_too_wide_no_optimum_is_looked_for(short_problem):
+    assert identification.optimum_or_none(short_problem) is None
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("too_wide")
+def test_where_the_optimum_is_not_looked_for_the_seeds_answer_stands():
     result = barnax.identify(window=SHORT, **SMALL)
     assert result.constant.global_optimum is None
     assert result.constant.source == "seeds"

@@ -11,7 +11,7 @@ from typing import Any
 import pydantic
 import pytest
 from benchmarks.schema import notices_page
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from barnax.cli.session import as_flags
@@ -189,7 +189,6 @@ def leaves_of(part: Any, place: str = "") -> Iterator[str]:
         yield place.removeprefix("/")
 
 
-@settings(max_examples=60)
 @example("constant/search/seeds/0/history/0", {})
 @given(
     st.sampled_from(sorted(set(leaves_of(DOCUMENT)))),

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from barnax.bundled import BUNDLED
@@ -75,7 +75,6 @@ def test_two_files_in_any_order_give_the_same_as_one():
         np.testing.assert_allclose(two.hysteresis_v(GRID), one.hysteresis_v(GRID), atol=1e-9)
 
 
-@settings(max_examples=20)
 @given(st.integers(8, 40), st.floats(0.3, 100.0))
 def test_any_number_of_pulses_and_any_capacity_recover_the_average(count, size):
     record = both_ways(count=count)

@@ -3,7 +3,7 @@
 import numpy as np
 import polars as pl
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from barnax.cell import OcvTable, characterize, read_ocv_table, read_ocv_test
@@ -62,7 +62,6 @@ def test_usual_names_and_units_are_understood(names):
     np.testing.assert_allclose([point.voltage_v for point in points], average_v(SOC), rtol=1e-12)
 
 
-@settings(max_examples=20)
 @given(order=st.permutations(range(41)), empty=st.sets(st.integers(0, 40), max_size=30))
 def test_rows_may_stand_in_any_order_and_a_branch_may_have_gaps(order, empty):
     charge_v = [None if k in empty else branch_v(SOC, 1)[k] for k in range(41)]

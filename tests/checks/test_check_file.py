@@ -6,7 +6,7 @@ import time
 import numpy as np
 import polars as pl
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import barnax.records.source
@@ -94,7 +94,6 @@ def test_a_million_rows_take_seconds(tmp_path):
     assert time.process_time() - start < 10
 
 
-@settings(max_examples=30)
 @given(seed=st.integers(0, 2**32 - 1), rows=st.integers(10, 300))
 def test_a_rough_record_of_any_shape_is_checked_without_a_crash(tmp_path_factory, seed, rows):
     rng = np.random.default_rng(seed)

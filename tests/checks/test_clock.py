@@ -3,7 +3,7 @@
 import numpy as np
 import polars as pl
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from barnax.records import read_record, record_from_frame
@@ -27,7 +27,6 @@ def test_a_stamp_out_of_line_is_found_at_its_row(tmp_path, inputs, line, wrong_s
     assert "delete these rows" in found(outcome, "clock").remedy
 
 
-@settings(max_examples=30)
 @example(line=5, off_s=3237.0, is_late=False, run=1)  # About an hour, which comes back.
 @given(
     line=st.integers(5, 1990),
@@ -56,7 +55,6 @@ def test_shuffled_rows_are_sorted_and_the_rest_is_as_it_was(tmp_path, inputs, se
     assert outcome.facts == checked(tmp_path, inputs).facts
 
 
-@settings(max_examples=30)
 @given(lines=st.sets(st.integers(1, 49).map(lambda number: 40 * number), max_size=20))
 def test_single_doubled_stamps_are_merged_and_the_first_of_two_kept(lines):
     inputs = frame()[:2000].with_columns(pl.Series(CURRENT, np.sin(np.arange(2000.0))))

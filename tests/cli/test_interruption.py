@@ -30,6 +30,11 @@ threading.Timer(1.0, gc.collect).start()
 import barnax.pipeline
 barnax.pipeline.read_inputs = lambda *_, **__: stop()
 """,
+    "a file is opened": """
+def hook(event, given):
+    if event == "open" and str(given[0]).endswith(".parquet"): stop()
+sys.addaudithook(hook)
+""",
 }
 RUN = """
 import gc, os, signal, sys, threading
@@ -39,6 +44,7 @@ sys.argv = {words!r}
 from barnax.__main__ import main
 main()
 """
+IDENTIFY = ("identify", *BUDGET)
 EARLIER = "interrupted; earlier results are as they were\n"
 
 
@@ -50,15 +56,17 @@ def stopped(folder, moment, *words, number="SIGINT"):
 
 # A polite end from outside has the same handler as Ctrl-C.
 @pytest.mark.parametrize(
-    ("moment", "number"),
+    ("moment", "number", "words"),
     [
-        ("an extension of JAX is loaded", "SIGINT"),
-        pytest.param("garbage is collected", "SIGINT", marks=pytest.mark.slow),
-        ("records are read", "SIGTERM"),
+        ("an extension of JAX is loaded", "SIGINT", IDENTIFY),
+        pytest.param("garbage is collected", "SIGINT", IDENTIFY, marks=pytest.mark.slow),
+        pytest.param("records are read", "SIGTERM", IDENTIFY, marks=pytest.mark.slow),
+        # It loads no JAX.
+        ("a file is opened", "SIGTERM", ("check", BUNDLED.record)),
     ],
 )
-def test_an_interruption_is_one_line_and_writes_nothing(tmp_path, moment, number):
-    done = stopped(tmp_path, MOMENTS[moment], "identify", *BUDGET, number=number)
+def test_an_interruption_is_one_line_and_writes_nothing(tmp_path, moment, number, words):
+    done = stopped(tmp_path, MOMENTS[moment], *words, number=number)
     assert (done.returncode, done.stderr, contents(tmp_path)) == (130, EARLIER, {})
 
 

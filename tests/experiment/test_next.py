@@ -32,7 +32,7 @@ from helpers.reference import make_record
 
 @pytest.fixture(scope="module")
 def design(result):
-    return quick_design(result, max_hours=1.5, blocks=BLOCKS)
+    return barnax.design(result, max_hours=1.5, blocks=BLOCKS)
 
 
 def test_what_a_result_determines_counts(design):

@@ -9,7 +9,7 @@ from barnax.cell import OcvTable, read_ocv_test
 from barnax.checks import check_file
 from barnax.errors import InputError
 from barnax.records import Record, read_record, record_from_frame
-from helpers.hostile import EXAMPLES, damaged, repeated
+from helpers.hostile import EXAMPLES, LETTERS, damaged, repeated
 from helpers.records import CURRENT, TIME, VOLTAGE, good_files, parquet, pulse_frame, sheet
 
 FRAME = pulse_frame(40).with_columns(
@@ -114,7 +114,7 @@ def absurd_texts(draw: st.DrawFn) -> bytes:
     """A delimited file with absurd cells, names, lines or separators."""
     table = draw(absurd_frames() | st.just(OCV))
     lines = [line.split(",") for line in table.write_csv().splitlines()]
-    words = st.sampled_from(CELLS) | st.text(max_size=8)
+    words = st.sampled_from(CELLS) | st.text(LETTERS, max_size=8)
     for _ in range(draw(st.integers(0, 4))):
         line = draw(st.sampled_from(lines))
         change = draw(st.sampled_from(["word", "more", "fewer"]))
@@ -135,7 +135,7 @@ STARTS = st.sampled_from(
 )
 CONTENTS = {
     "random bytes": st.builds(lambda start, rest: start + rest, STARTS, st.binary(max_size=300)),
-    "random text": st.text(max_size=300).map(str.encode),
+    "random text": st.text(LETTERS, max_size=300).map(str.encode),
     **{f"damaged {kind}": damaged(good) for kind, good in GOOD.items()},
     "absurd text": absurd_texts(),
     "absurd Parquet": absurd_frames().map(parquet),

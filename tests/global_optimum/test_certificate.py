@@ -119,7 +119,6 @@ def test_the_current_some_time_before_the_scored_samples_never_exceeds_its_bound
         assert np.sqrt(np.mean(earlier_a**2)) <= bound
 
 
-@settings(max_examples=40)
 @given(
     wave=st.floats(0.1, 8.0),
     phase=st.floats(0.0, 6.3),

@@ -72,9 +72,15 @@ PIECES = [
     "\u2066", "\ufeff", "\0", "\x7f", "\x1b[2J", "\udcff", "$(id)", "é", "e\u0301", "中",
     "\U0001f600", "int x;", "import os", "[[files]]", "x" * 120, " ",
 ]  # fmt: skip
+# From several scripts, of one to four bytes. To draw from all letters there are, hypothesis makes a
+# table of them first, which takes seconds.
+LETTERS = "".join(
+    chr(number) for first in (0, 0x600, 0x2000, 0x4E00, 0xFF00, 0x1F600)
+    for number in range(first, first + 256)
+)  # fmt: skip
 
 
 def names() -> st.SearchStrategy[str]:
     """Names of files that want to be more than a name."""
-    pieces = st.one_of(st.sampled_from(PIECES), st.text(max_size=3))
+    pieces = st.one_of(st.sampled_from(PIECES), st.text(LETTERS, max_size=3))
     return st.lists(pieces, min_size=1, max_size=6).map("".join)

@@ -198,6 +198,20 @@ def checked(folder, table, *, name="cell.csv", **options):
     return check_file(path, **options)
 
 
+def once(look):
+    """A function of a source that looks at the same content under the same name only once."""
+    seen = {}
+
+    def looked(source, **how):
+        settings = (source.series, source.span_s, source.logger, source.table.header, how)
+        known_as = source.name, source.sha256, repr(settings)
+        if known_as not in seen:
+            seen[known_as] = look(source, **how)
+        return seen[known_as]
+
+    return looked
+
+
 def found(checked_file, check):
     """The only finding of a check."""
     (finding,) = [finding for finding in checked_file.findings if finding.check == check]

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
@@ -81,7 +81,6 @@ def expected_error(columns, base, low, high):
     return np.array(errors)
 
 
-@settings(max_examples=40)
 @given(
     unknowns=st.integers(1, 5),
     seed=st.integers(0, 10_000),

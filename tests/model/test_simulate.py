@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from barnax.model.intervals import Intervals
@@ -95,7 +95,6 @@ def test_any_clock_agrees_with_a_plain_loop(clock, hold):
     np.testing.assert_allclose(simulated_v, expected_v, rtol=1e-12)
 
 
-@settings(max_examples=30)
 @given(
     interval_s=st.lists(
         st.one_of(st.sampled_from([1.0, 1.0155]), st.floats(1e-3, 100.0)), min_size=39, max_size=39

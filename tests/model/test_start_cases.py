@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
@@ -122,7 +122,6 @@ def test_intervals_hold_the_truth_with_a_start_that_noise_hides(bundled_cell):
     assert widest < 4
 
 
-@settings(max_examples=25)
 @given(st.integers(0, 10**6), st.integers(2, 400), st.floats(1e-4, 0.05), st.floats(0.2, 0.9))
 def test_the_mean_of_a_rest_is_within_its_error(bundled_cell, seed, samples, noise_v, soc):
     noise = np.random.default_rng(seed).standard_normal(samples)

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import jax.random as jr
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from barnax.optimizers import (
@@ -172,7 +172,6 @@ def loop_over_wolves(leader_losses, wolf_losses):
 
 
 @given(losses, st.lists(st.integers(0, 9).map(float), min_size=3, max_size=3))
-@settings(max_examples=60)
 def test_grey_wolf_leaders_change_as_in_a_loop_over_the_wolves(wolf_losses, leader_losses):
     # With a position that names its wolf, the leaders' positions say who was chosen.
     wolves = jnp.arange(len(wolf_losses), dtype=float)[:, None]
@@ -184,7 +183,6 @@ def test_grey_wolf_leaders_change_as_in_a_loop_over_the_wolves(wolf_losses, lead
 
 
 @given(losses, losses)
-@settings(max_examples=30)
 def test_an_improved_grey_wolf_has_the_leaders_of_the_loop(before, after):
     """The loop runs over what every wolf has kept, its best; not the three best of the pack."""
     solver, box = ImprovedGreyWolf(population=9), Box(-jnp.ones(1), jnp.full(1, 99.0))

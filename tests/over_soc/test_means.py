@@ -115,13 +115,13 @@ def simulated(seed, r_ohm, tau_s=TAU_S, noise_v=1e-3, samples=240):
 def test_means_of_95_in_100_cells_are_in_their_intervals():
     """At time constants that are held at the truth, so that a search costs nothing."""
     hits = []
-    for seed in range(60):
+    for seed in range(40):
         objective = reduced_objective([prepared_of(simulated(seed, (0.02, 0.03)))], SETTINGS, HELD)
         found = intervals_of(objective, objective.solve(LOG_SCALES, exact=True))
         means = [own for own in found if own.soc is None and own.name in NAMES]
         truth = (0.05, 0.02, 0.03)
         hits.append([m.low <= ohm <= m.high for m, ohm in zip(means, truth, strict=True)])
-    # 95 % of 180, give or take, for the three of a cell hang together.
+    # 95 % of 120, give or take, for the three of a cell hang together.
     assert 0.90 <= np.mean(hits) <= 0.98, np.mean(hits, axis=0)
 
 
@@ -148,7 +148,7 @@ def test_r0_is_in_its_interval_where_the_ocv_test_has_less_hysteresis_than_the_c
     cell = characterize([table], capacity_ah=CAPACITY_AH, ocv_fit="interpolated")
     window = Window(initial_soc=0.9, initial_direction=-1)
     hits, moved, widths = [], [], []
-    for seed in range(20):
+    for seed in range(12):
         record = simulated(seed, (0.02, 0.03), noise_v=2e-4)
         exact = prepare_record(record, cell, "iso-rc", window)
         switched_v = 0.008 * exact.direction
@@ -166,7 +166,7 @@ def test_r0_is_in_its_interval_where_the_lag_of_the_voltage_is_known_to_a_part_o
     """The voltage is 0.4 samples late, and is taken for 0.36: four in a hundred of a step come
     before its current, which lowers R0."""
     hits, moved = [], []
-    for seed in range(20):
+    for seed in range(12):
         record = simulated(seed, (0.02, 0.03), noise_v=5e-5)
         late_v = record.voltage_v.copy()
         late_v[1:] -= 0.4 * np.diff(late_v)

@@ -73,7 +73,11 @@ def test_given_time_constants_give_the_accepted_errors(
 def known():
     record, soc = made()
     window = {record.name: FROM_FULL}
-    return record, soc, fit_with_ocv([record], "so-rc", window, replace(QUICK, max_boxes=TableSettings.max_boxes))
+    return (
+        record,
+        soc,
+        fit_with_ocv([record], "so-rc", window, replace(QUICK, max_boxes=TableSettings.max_boxes)),
+    )
 
 
 def test_ocv_and_circuit_of_a_known_cell_are_found_and_proved(known):

@@ -10,7 +10,7 @@ from barnax.checks import check_file
 from barnax.plan import plan, plan_from_toml, plan_to_toml
 from barnax.pulses import first_pulse
 from barnax.records import read_record
-from helpers.known_cell import SMALL
+from helpers.known_cell import FEW_NODES, SMALL
 from helpers.shared import CASES, needs_cases
 from helpers.three_tests import (
     CAPACITY_AH,
@@ -82,7 +82,7 @@ def test_measured_c20_hppc_and_drive_are_combined(real_data):
 
 
 # Tables of two pairs as fast as they are fitted.
-FAST = SMALL | {"folds": 0, "resistances_follow": "none"}
+FAST = SMALL | {"folds": 0, "resistances_follow": "none", "nodes": FEW_NODES}
 
 
 def check_cell(result, soc):

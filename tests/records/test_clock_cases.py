@@ -7,7 +7,7 @@ import hypothesis
 import numpy as np
 import polars as pl
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import barnax
@@ -90,7 +90,6 @@ UNITS = {
 }  # fmt: skip
 
 
-@settings(max_examples=30)
 @given(
     unit=st.sampled_from(list(UNITS)),
     interval_s=st.sampled_from([0.1, 0.5, 1.0, 2.0, 4.0, 10.0, 60.0]),

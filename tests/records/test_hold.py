@@ -3,7 +3,7 @@
 import numpy as np
 import polars as pl
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from barnax.records import read_record
@@ -42,7 +42,6 @@ def decided(folder, frame, **options):
     return read_record(folder / "cell.parquet", **options).hold
 
 
-@settings(max_examples=40)
 @given(
     hold=st.sampled_from(["forward", "backward"]),
     seed=st.integers(0, 2**32 - 1),

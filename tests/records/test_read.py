@@ -6,7 +6,7 @@ import pickle
 import numpy as np
 import polars as pl
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from barnax.errors import InputError
@@ -41,7 +41,6 @@ def test_usual_column_names_are_understood(tmp_path, names):
     np.testing.assert_allclose(record.voltage_v, frame["Voltage / V"].to_numpy(), rtol=1e-12)
 
 
-@settings(max_examples=40)
 @given(
     seed=st.integers(0, 2**32 - 1),
     charge_positive=st.booleans(),

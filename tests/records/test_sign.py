@@ -3,7 +3,7 @@
 import numpy as np
 import polars as pl
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from barnax.records import read_record
@@ -33,7 +33,6 @@ def written(folder, current_a, voltage_v, sign, *, interval_s=1.0, names=None, c
     return path
 
 
-@settings(max_examples=30)
 @given(
     seed=st.integers(0, 2**32 - 1),
     sign=st.sampled_from(SIGNS),

@@ -9,7 +9,7 @@ import warnings
 import numpy as np
 import polars as pl
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from barnax.checks import check_file
@@ -117,7 +117,6 @@ def test_text_is_read_however_its_lines_end(tmp_path, kind):
 
 
 @given(st.integers(50, 4000), st.integers(2, 600))
-@settings(max_examples=30)
 def test_a_block_of_zeros_within_a_line_is_never_read_over(tmp_path_factory, at, count):
     text = FRAME.write_csv().encode()
     content = text[:at] + bytes(count) + text[at + count :]

@@ -211,3 +211,28 @@ def test_a_log_that_is_cut_into_files_starts_each_where_the_one_before_ends(tmp_
     # The sweep counts 99.5 % of the capacity.
     moved_ah = passed_ah[2 * begin] - passed_ah[begin]
     assert second - first == pytest.approx(moved_ah / (0.995 * CAPACITY_AH), abs=1e-3)
+
+
+UNEQUAL = [(1900, 0.0, 10), *[(360, CAPACITY_AH, 1.0), (2400, 0.0, 10)] * 9]
+
+
+def test_of_two_sweeps_of_unequal_charge_the_longer_is_the_ocv_test_and_its_capacity_assumed(
+    tmp_path,
+):
+    loads = [(1900, 0.0, 10), *[(360, -CAPACITY_AH, 1.0), (2400, 0.0, 10)] * 6]
+    write(tmp_path / "down.csv", made(UNEQUAL))
+    write(tmp_path / "up.csv", made(loads, 0.1))
+    write(tmp_path / "drive.csv", drive(rest_s=600))
+    planned = plan(tmp_path)
+    assert roles(planned)["down.csv"] == "OCV test"
+    assert roles(planned)["up.csv"] == "not used"
+    assert planned.options == {}
+
+
+def test_the_reason_of_an_assumed_capacity_is_what_the_ocv_test_passed(tmp_path):
+    loads = [*UNEQUAL, *[(360, -CAPACITY_AH, 1.0), (2400, 0.0, 10)] * 6]
+    write(tmp_path / "both.csv", made(loads))
+    write(tmp_path / "drive.csv", drive(rest_s=600))
+    planned = plan(tmp_path, window=barnax.Window(initial_soc=0.9))
+    why = "the Ah of the longest discharge, because the OCV test passed 2.25 and 1.5 Ah"
+    assert planned.reasons["capacity"] == why

@@ -67,13 +67,20 @@ def test_a_pack_of_cells_in_series_is_read_as_one_of_them(tmp_path):
     assert table.branches[0][-1].voltage_v == pytest.approx(4.2)
 
 
-@pytest.mark.parametrize(("cells", "series"), [(1, 3), (96, 48), (96, 300)])
+@pytest.mark.parametrize(("cells", "series"), [(1, 2), (1, 3), (96, 48), (96, 300)])
 def test_a_number_of_cells_that_makes_no_known_cell_is_told(cells, series):
     pack = FRAME.with_columns(pl.col(VOLTAGE) * cells)
     record = record_from_frame(pack, series=series)
-    assert "series.unlikely" in [one.code for one in record.warnings]
+    (warning,) = [one for one in record.warnings if one.code == "series.unlikely"]
+    assert ("as it stands, it is of one cell" in str(warning)) == (cells == 1)
     whole = record_from_frame(pack, series=cells)
     assert "series.unlikely" not in [one.code for one in whole.warnings]
+
+
+def test_two_cells_of_lto_in_series_are_such_cells():
+    pack = FRAME.with_columns((4.7 + 0.02 * pl.col(CURRENT)).alias(VOLTAGE))
+    record = record_from_frame(pack, series=2)
+    assert "series.unlikely" not in [one.code for one in record.warnings]
 
 
 @pytest.mark.parametrize("series", [0, -1, 100_000])

@@ -13,10 +13,18 @@ import barnax
 
 from .. import reporting
 from ..errors import InputError
-from ..files import is_factor_file, write_whole
+from ..files import is_factor_file
 from ..settings import Reading, TableOptions
 from .options import OF_FILES, OF_RECORDS, OF_SEARCH, OF_TABLES, Given, group, options_of
-from .output import DEFAULT_FOLDER, Output, drawn_files, free_names
+from .output import (
+    DEFAULT_FOLDER,
+    TABLES,
+    Output,
+    drawn_files,
+    free_names,
+    require_free,
+    write_folder,
+)
 from .session import Session, as_flags, flag_of
 
 # The file beside a result by which the run is repeated.
@@ -102,14 +110,16 @@ def _fit_factors(options: Identification, paths: list[Path]) -> None:
             f"{what} does nothing for factor files, whose records were read and set up when "
             "they were kept; leave it out, or identify on the records"
         )
+    folder = options.output.out
+    if folder is not None:
+        require_free(folder, options.output.force)
     kept = [record for path in paths for record in read_factors(path)]
     fit = fit_kept(kept, bounded_tables(job, but="[F]"))
     session.show_document(reporting.soc_tables.kept_document(kept, fit))
-    if folder := options.output.out:
-        if (place := folder / "tables.csv").exists() and not options.output.force:
-            raise InputError(f"{place}: is there already; give `out` another folder")
-        write_whole(place, reporting.parameters.fit_csv(fit))
-        session.show(["", str(place)])
+    if folder is not None:
+        tables = {TABLES: reporting.parameters.fit_csv(fit)}
+        place = write_folder(folder, tables, options.output.force)
+        session.show(["", str(place / TABLES)])
     session.warn(fit.warnings)
 
 
@@ -177,7 +187,7 @@ def _run(
         raise unseen
     plan = plan if PLAN in run.written else None
     run.show(reporting.terminal.next_lines(*_next(result, run.folder, plan, options.design)))
-    names = ["report.html", "result.json", "tables.csv", "pulses.csv", "figures"]
+    names = ["report.html", "result.json", TABLES, "pulses.csv", "figures"]
     run.show_written(names, following=f"barnax show {shlex.quote(str(run.folder))}")
     run.tell(result.notes)
     run.warn(result.warnings)
@@ -208,7 +218,7 @@ def result_files(
     """The figures, and the report where it is wanted, by their path in the folder."""
     tables: dict[str, bytes] = {}
     if result.tables:
-        tables["tables.csv"] = reporting.parameters.tables_csv(result)
+        tables[TABLES] = reporting.parameters.tables_csv(result)
     if result.pulses:
         tables["pulses.csv"] = reporting.pulses.pulses_csv(result.pulses)
     draw = partial(reporting.illustrations.identification_illustrations, result, live=live)

@@ -24,8 +24,9 @@ from .options import group
 from .session import Session, as_flags
 
 DEFAULT_FOLDER = "barnax-out"
-# One of these is in every folder of results.
+# One of these is in every folder of results, but for those of factors, which have only tables.
 RESULTS = ("result.json", "comparison.json", "soc.json", "design.json", "life.json")
+TABLES = "tables.csv"
 # What barnax wrote into a folder, each file with its SHA-256: all else is the user's, whatever its
 # name, and so is what was changed since.
 LIST = "files.json"
@@ -165,8 +166,8 @@ def require_free(folder: Path, is_forced: bool) -> None:
         with suppress(FileNotFoundError):
             names = sorted(os.listdir(place))
             own, _ = _own_and_others(place)
-            if names and own.isdisjoint(RESULTS):
-                known = sorted(_listing(place).keys() & {*RESULTS})
+            if names and own.isdisjoint(_results_in(place)):
+                known = sorted(_results_in(place))
                 what = f"{known[0]!r} was changed since" if known else f"holds {names[0]!r}, which"
                 words = "barnax wrote it" if known else "barnax did not write"
                 raise InputError(f"{folder}: {what} {words}; {another}")
@@ -200,7 +201,7 @@ def write_folder(folder: Path, files: Mapping[str, bytes], is_forced: bool) -> P
         for name, content in files.items():
             _write(fresh / name, content)
         own, theirs = _own_and_others(place)
-        is_replaced = is_forced and not own.isdisjoint(RESULTS)
+        is_replaced = is_forced and not own.isdisjoint(_results_in(place))
         # What would take the place of something of the user's.
         clashes = [name for name in files if (place / name).is_dir()]
         clashes += theirs & (files.keys() | _folders(files))
@@ -262,6 +263,12 @@ def _listing(place: Path) -> dict[str, str]:
         if isinstance(listed, dict):
             return listed
     return {}
+
+
+def _results_in(place: Path) -> set[str]:
+    """The results that a folder's list says barnax wrote."""
+    listed = _listing(place).keys()
+    return (listed & {*RESULTS}) or (listed & {TABLES})
 
 
 def _hash(content: bytes) -> str:

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -56,10 +56,10 @@ def ocv_at(
     """
     near = [file for file in free if is_same_degc(file.temperature_degc, degc)]
     records = [file.traits.longest_discharge_ah for file in near if file.is_record]
-    capacities_ah = dict.fromkeys((given_ah, None, max(records, default=0.0) or None))
+    longest_ah = max(records, default=0.0) or None
     if tests:
         alike = [file for file in tests if is_same_degc(file.temperature_degc, degc)]
-        choice = _first_cell([alike or tests], capacities_ah)
+        choice = _first_cell([alike or tests], given_ah, longest_ah)
         if isinstance(choice, InputError):
             raise choice
         return choice
@@ -68,19 +68,21 @@ def ocv_at(
         serving = [file for file in candidates if file.serves("OCV test")]
         max_ah = max((sweep.passed_ah for sweep in _sweeps(serving)), default=0.0)
         sets = sorted(_sets(serving), key=lambda tests, max_ah=max_ah: _rank(tests, max_ah))
-        choice = _first_cell(sets, capacities_ah)
+        choice = _first_cell(sets, given_ah, longest_ah)
         if isinstance(choice, OcvChoice):
             return choice
     return None
 
 
 def _first_cell(
-    sets: Sequence[Files], capacities_ah: Iterable[float | None]
+    sets: Sequence[Files], given_ah: float | None, longest_ah: float | None
 ) -> OcvChoice | InputError | None:
-    """The first set of files that makes a cell, by the first of the capacities with which it does;
-    else why the first does not, None without any."""
+    """The first set of files that makes a cell, by the given capacity or by itself, or where none
+    does by the longest discharge; else why the first does not, None without any."""
     reason = None
-    for tests, capacity_ah in itertools.product(sets, capacities_ah):
+    by_itself = itertools.product(sets, dict.fromkeys((given_ah, None)))
+    by_longest = itertools.product(sets, [longest_ah] if longest_ah else [])
+    for tests, capacity_ah in itertools.chain(by_itself, by_longest):
         sweeps = [find_sweeps(test.record, capacity_ah) for test in tests if test.is_record]
         tables = [test.table for test in tests if not test.is_record]
         cell = cell_of(sweeps, tables, capacity_ah)
@@ -88,6 +90,13 @@ def _first_cell(
             return OcvChoice(tuple(tests), cell, capacity_ah)
         reason = reason or cell
     return reason
+
+
+def longest_reason(tests: Files) -> str:
+    """Why the capacity is that of the longest discharge, in words: the tests tell none."""
+    passed_ah = [f"{sweep.passed_ah:.4g}" for sweep in _sweeps(tests)]
+    why = f"passed {' and '.join(passed_ah)} Ah" if passed_ah else "has none"
+    return f"the Ah of the longest discharge, because the OCV test {why}"
 
 
 def ocv_reason(tests: Files) -> str:

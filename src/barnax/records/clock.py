@@ -88,10 +88,14 @@ def _without_zeros(samples: Samples) -> Samples:
 def _within_steady_stamps(time: Clock, is_out: Flags) -> Flags:
     """Those of the stamps that stand between others of one interval, in place of as many."""
     first, last = runs(is_out)
-    is_inside = (first > 1) & (last < len(time) - 2)
+    is_inside = (first > 1) & (last < len(time) - 1)
     first, last = first[is_inside], last[is_inside]
-    before_s, after_s = time[first - 1] - time[first - 2], time[last + 2] - time[last + 1]
-    each_s = (time[last + 1] - time[first - 1]) / (last - first + 2)
+    before_s, each_s = time[first - 1] - time[first - 2], time[last + 1] - time[first - 1]
+    each_s /= last - first + 2
+    # The last stamp has none after it.
+    after_s = np.where(
+        last < len(time) - 2, np.append(time, np.inf)[last + 2] - time[last + 1], each_s
+    )
     is_steady = (each_s > 0) & (np.abs(before_s - each_s) < _EVEN * each_s)
     is_steady &= np.abs(after_s - each_s) < _EVEN * each_s
     within = np.zeros(len(time), int)

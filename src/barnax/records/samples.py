@@ -231,6 +231,13 @@ class Samples(Lines):
         return rising * step_resistance_ohm(step_a, step_v, fewest=1)
 
     @cached_property
+    def least_ohm(self) -> float:
+        """The resistance that a quarter of the steps that the voltage answers fall short of."""
+        steps = self.steps[self.answer_v[self.steps] != 0]
+        ohm = np.abs(self.answer_v[steps] / self.step_a[steps])
+        return float(np.quantile(ohm, 0.25)) if len(ohm) else 0.0
+
+    @cached_property
     def bulk_time(self) -> tuple[float, float]:
         """R dQ/dV over the record, in s, and the travel of its voltage without R I, in V.
 

@@ -260,12 +260,14 @@ def examine_series(samples: Samples, series: int) -> Samples:
     values = {"column": samples.header("voltage"), "series": series}
     samples = samples.having(voltage=voltage_v).noting(Notice("series.divided", values))
     low_v, middle_v, high_v = np.quantile(samples.voltage_v, _ENDS)
-    is_lto = middle_v >= _LEAST_V and high_v <= _LTO_V
+    # Half of what is one cell's is a voltage of LTO too.
+    is_lto = middle_v >= _LEAST_V and high_v <= _LTO_V < _HIGHEST_V < series * high_v
     if is_lto or (middle_v >= _LFP_V and high_v <= _HIGHEST_V):
         return samples
     fewest = int(np.ceil(series * high_v / _CHARGED_V))
     most = max(fewest, int(series * middle_v / _NOMINAL_V))
     told = {"series": series, "fewest": fewest, "most": most, "full_v": _CHARGED_V}
+    told |= {"fits": "one" if most == 1 else "several"}
     told |= {"low_v": low_v, "high_v": high_v, "column": samples.header("voltage")}
     return samples.telling(0, "series.unlikely", **told)
 

@@ -121,8 +121,11 @@ def _of_time(samples: Samples) -> Iterator[Witness]:
         dates = f"its values are {unit.symbol}"
         yield Witness(1.0, once, lambda days: abs(days / unit.factor - 1) < _RATIO, dates)
     bulk_s, travel_v = samples.bulk_time
-    # Of few steps a voltage that comes late hides what a slow record's resistance is.
-    if bulk_s and (samples.resistance_ohm or bulk_s <= _BULK_S):
+    # What relaxes within an interval, or comes late, is a large resistance at some steps of a slow
+    # record.
+    least_s = bulk_s * samples.least_ohm / (abs(samples.answered_ohm) or 1.0)
+    is_at_all_steps = samples.resistance_ohm > 0 and least_s > _BULK_S
+    if bulk_s and (is_at_all_steps or bulk_s <= _BULK_S):
         yield _of_bulk(bulk_s, travel_v, travel_v - samples.hidden_v, interval_s, samples.middle_v)
 
 

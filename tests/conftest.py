@@ -53,6 +53,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=place)
 
 
+def pytest_collection_finish() -> None:
+    # Modules and tests stay until the end: nobody need look through them for garbage.
+    gc.freeze()
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """What one process of the run has compiled serves all of them, and nobody else, unless a
     folder is given that keeps it for the next run."""

@@ -19,11 +19,12 @@ from helpers import known_cell
 from helpers.reference import filtered_response, make_record
 
 SHORT = Window(score_to_s=1500.0)
+# The search that tests of the command compile too.
 SMALL = {
     "setup": "li2023",
     "seeds": 1,
     "population": 8,
-    "iterations": 1,
+    "iterations": 5,
     "trust": "none",
 }
 OCV = list(BUNDLED.ocv)
@@ -31,7 +32,7 @@ OCV = list(BUNDLED.ocv)
 
 @pytest.fixture(scope="module")
 def few():
-    """One seed of one generation on the bundled cell."""
+    """One short seed on the bundled cell."""
     return barnax.identify(window=SHORT, **SMALL)
 
 

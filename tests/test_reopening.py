@@ -17,7 +17,7 @@ from barnax.reopening import StoredInputs
 from barnax.reporting.illustrations import identification_illustrations
 from barnax.results import Result
 
-SMALL = {"seeds": 2, "population": 8, "iterations": 3, "trust": "none"}
+SMALL = {"seeds": 2, "population": 8, "iterations": 5, "trust": "none"}
 # Names and content that the bundled cell has not.
 FILES = {"drive.parquet": BUNDLED.record, "other.parquet": BUNDLED.validation}
 

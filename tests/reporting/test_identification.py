@@ -60,7 +60,7 @@ def joint() -> Result:
     ocv = [barnax.bundled_file(f"ocv_{way}") for way in ("charge", "discharge")]
     return barnax.identify(
         [record, other], ocv=ocv, validate=validation, window=part, setup="li2023", seeds=1,
-        population=8, iterations=1, trust="none",
+        population=8, iterations=5, trust="none",
     )  # fmt: skip
 
 

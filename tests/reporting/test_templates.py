@@ -83,9 +83,10 @@ def test_every_macro_is_used():
         for call in parsed(name).find_all(nodes.Call)
     }
     called = {id(macros(name)[macro]) for name, macro in calls if macro in macros(name)}
+    quoted = {*re.findall(r"""["']([\w-]+\.\w+)["']""", source)}
     for name in NAMES:
         for macro in parsed(name).find_all(nodes.Macro):
-            is_said = re.search(rf"""["']{name}\.{macro.name}["']""", source) or (
+            is_said = f"{name}.{macro.name}" in quoted or (
                 name == "figures" and f"def {macro.name}(" in source
             )
             assert id(macro) in called or is_said, f"{name}.{macro.name}"

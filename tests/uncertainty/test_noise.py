@@ -125,7 +125,7 @@ def test_a_fit_that_follows_much_of_every_burst_knows_its_noise_as_well_as_it_sc
     lag = np.abs(time_s[:, None] - time_s)
     covariance = 0.3 * np.eye(len(time_s)) + np.exp(-lag / 20.0) + np.exp(-lag / 2e3)
     rng = np.random.default_rng(9)
-    noise_v = rng.normal(size=(120, len(time_s))) @ np.linalg.cholesky(covariance).T
+    noise_v = rng.normal(size=(60, len(time_s))) @ np.linalg.cholesky(covariance).T
     moved, fits = followed_and_fitted(noise_v, columns, time_s, slots)
     # The step of one burst, which slow noise hardly moves, and its mean, which that does.
     for place in (0, 1):

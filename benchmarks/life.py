@@ -180,7 +180,7 @@ def _known_cell(stored: str) -> Any:
 def measure(task: tuple[int, int, str]) -> dict[str, Any]:
     """The row of one record, as far as ageing is concerned."""
     import barnax
-    from barnax.fleet.aged import ageing_row
+    from barnax.life.rows import ageing_row
     from barnax.model.prepared import prepare_record
 
     number, place, stored = task

@@ -23,7 +23,7 @@ from .errors import InputError, printable
 from .files import fetched, is_address
 from .model.layout import Layout
 from .model.reduced import Reduced
-from .over_soc.kept import Grid, Kept, KeptOcv, OcvSource
+from .over_soc.kept import FACTS, Grid, Kept, KeptOcv, OcvSource
 
 VERSION = 2
 # What may be in a file: enough for any record, and little enough to hold.
@@ -109,8 +109,7 @@ def factors_to_bytes(kept: Sequence[Kept]) -> bytes:
 def _head_of(kept: Kept, parts: tuple[_Part, _Part]) -> _Head:
     grid = kept.grid
     return _Head(
-        **{name: getattr(kept, name) for name in _Head.model_fields.keys() & vars(kept).keys() - {
-            "parts", "visited", "visited_ocv"}},
+        **{name: getattr(kept, name) for name in ("name", *FACTS)},
         **{name: getattr(grid, name) for name in ("low_s", "high_s", "circuit", "ocv")},
         skeleton=grid.span.skeleton.tolist(),
         nodes=list(grid.nodes),
@@ -119,7 +118,7 @@ def _head_of(kept: Kept, parts: tuple[_Part, _Part]) -> _Head:
         ocv_v=kept.cell.ocv_v.tolist(),
         slopes_v=kept.cell.slopes_v.tolist(),
         parts=parts,
-    )  # fmt: skip
+    )
 
 
 def _trapezoid(factor: Float[np.ndarray, "rows columns"]) -> tuple[Int[np.ndarray, "used"], Any]:
@@ -260,12 +259,10 @@ def _records(
             factor[:, order] = used
             own.append(Reduced(layout, part.scored, factor))
         yield Kept(
-            **head.model_dump(include={
-                "name", "capacity_ah", "step_ohm", "median_interval_s", "dense_interval_s",
-                "scored_duration_s"}),
+            **head.model_dump(include={"name", *FACTS}),
             grid=grid,
             visited=np.array(head.visited),
             visited_ocv=np.array(head.visited_ocv),
             cell=KeptOcv(np.array(head.ocv_v), np.array(head.slopes_v)),
             parts=(own[0], own[1]),
-        )  # fmt: skip
+        )

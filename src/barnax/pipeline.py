@@ -24,7 +24,6 @@ from .inputs import Inputs, listed, read_inputs, telling, windows_by_name, windo
 from .job import Job, takes_options
 from .model.prepared import PreparedRecord
 from .model.problem import Problem
-from .model.search_space import ranges_of
 from .model.window import Window
 from .notices import Notice
 from .optimizers import make_optimizer
@@ -199,8 +198,7 @@ def _registered(job: Job, records: Sequence[PreparedRecord]) -> list[PreparedRec
         for one in records
     ]
     found = counted_alike(told, [register_alone(prepared, tables) for prepared in told])
-    named = {*(ranges_of(job.bounds)[1] or {}), *(job.fix or {})}
-    return register(found, tables) if asks_for_constant(job, named) and found[1:] else found
+    return register(found, tables) if asks_for_constant(job) and found[1:] else found
 
 
 def _as_counted(

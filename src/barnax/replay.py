@@ -10,7 +10,6 @@ from functools import partial
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -26,7 +25,7 @@ from .model.start import Start
 from .model.window import OCV_MARGIN, Window
 from .over_soc.fits import no_temperature, require_temperature
 from .records import Given
-from .result_filter import FilterSettings, axis_sd_of, model_of, read_for
+from .result_filter import FilterSettings, model_of, read_for
 from .results import Result
 from .scenarios import (
     SCENARIOS,
@@ -194,11 +193,7 @@ def replay_soc(
     prepared = prepared.following(used.circuit_parameters.dependence)
     warnings += no_temperature(prepared, used.fits)
     capacity_ah = prepared.capacity_ah
-    model = eqx.tree_at(
-        lambda model: (model.capacity_ah, model.axis_sd),
-        model_of(used, settings.estimate),
-        (jnp.asarray(capacity_ah), jnp.asarray(axis_sd_of(result, capacity_ah))),
-    )
+    model = model_of(used, settings.estimate, capacity_ah)
     tried = {scenario: first_with_room(prepared.soc, scenario.soc_error) for scenario in scenarios}
     cases = [
         case_of(model, prepared, scenario, first, settings.soc_sd)

@@ -1,7 +1,7 @@
 """A result's circuit as the model of a filter, with the errors that it has on other records."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -52,28 +52,16 @@ class FilterSettings:
             raise InputError(f"soc_sd {self.soc_sd:g} must be above 0 and at most 1")
 
 
-@dataclass(frozen=True)
-class ElsewhereError:
-    """The errors of a circuit on a record that it was not fitted to, by those where it was.
-
-    `white` and `lasting` are how many times the residuals' own size they are: from sample to
-    sample, lasting for `white_s` at least, and over `lasting_s`. `hysteresis` is the share of half
-    the measured gap by which the OCV may be off: that of a circuit without hysteresis moves within
-    the gap, and one measured on a slow sweep is not that of a drive. `unturned` is that of a
-    circuit whose hysteresis no record has turned, so that nothing tells its rate.
-    """
-
-    white: float = 4.0
-    white_s: float = 1.0
-    lasting: float = 3.0
-    lasting_s: float = 100.0
-    hysteresis: float = 0.5
-    unturned: float = 0.75
-
-
+# The errors of a circuit on a record that it was not fitted to, as many times the residuals' own
+# size where it was: from sample to sample, lasting for a second at least, and over 100 s.
 # Chosen on two drives of one cell at 0, 25 and 45 degC, each from the other, and one LFP drive
 # (`python -m benchmarks.filters`): half or twice of each keeps RMS and band within a few tenths.
-ELSEWHERE = ElsewhereError()
+WHITE, WHITE_S = 4.0, 1.0
+LASTING, LASTING_S = 3.0, 100.0
+# The share of half the measured gap by which the OCV may be off: that of a circuit without
+# hysteresis moves within the gap, and one measured on a slow sweep is not that of a drive. Of a
+# circuit whose hysteresis no record has turned, nothing tells the rate.
+HYSTERESIS, UNTURNED = 0.5, 0.75
 
 
 def window_of(result: Result, record: Record | Source, chosen: Window | None = None) -> Window:
@@ -130,7 +118,7 @@ def errors_of(result: Result) -> ErrorModel:
     by_soc = by_soc or {0.5: constant.metrics.identification.rmse_v}
     residual_v = np.interp(GRID, list(by_soc), list(by_soc.values()))
     residual_v = np.maximum(residual_v, LEAST_NOISE_V)
-    bias_v = ELSEWHERE.lasting * residual_v
+    bias_v = LASTING * residual_v
     known = [own for own in fit.of_table(OCV_CORRECTION) if own.low is not None]
     if known:
         soc = np.array([interval.soc for interval in known])
@@ -144,29 +132,35 @@ def errors_of(result: Result) -> ErrorModel:
         step_v = np.median(np.abs(np.diff(values, prepend=values[:1])))
         bias_v = np.hypot(bias_v, step_v * np.sqrt(np.abs(behind)))
     is_turned = tables is None or fit.tables.gamma is None or fit.is_rate_told
-    share = ELSEWHERE.hysteresis if is_turned else ELSEWHERE.unturned
+    share = HYSTERESIS if is_turned else UNTURNED
     half_v = result.cell_at().branch_gap_v(np.clip(GRID, 0.0, 1.0)) / 2
     return ErrorModel(
-        ELSEWHERE.white,
-        (ELSEWHERE.lasting_s,),
-        (ELSEWHERE.lasting,),
+        WHITE,
+        (LASTING_S,),
+        (LASTING,),
         soc=tuple(GRID.tolist()),
         scale=tuple(residual_v.tolist()),
         bias_v=tuple(np.hypot(bias_v, share * half_v).tolist()),
-        white_s=ELSEWHERE.white_s,
+        white_s=WHITE_S,
         axis_sd=FULL_SD,
     )
 
 
-def model_of(result: Result, slow: Sequence[str] = ()) -> FilterModel:
-    """The model of a stored result. Call inside float64.
+def model_of(
+    result: Result, slow: Sequence[str] = (), capacity_ah: float | None = None
+) -> FilterModel:
+    """The model of a stored result, which counts by another capacity than its cell's where one is
+    given. Call inside float64.
 
     `slow` are the parameters to estimate. The prior deviation of an offset is the current below
     which the cell counts as resting, of a capacity `CAPACITY_SD`, of the others that of their fit,
     between 2 and 50 %. Raises `InputError` for one that the circuit does not have, and for a result
     without an assessment.
     """
-    errors = errors_of(result)
+    errors, cell = errors_of(result), result.cell_at()
+    if capacity_ah is not None:
+        cell = replace(cell, capacity_ah=capacity_ah)
+        errors = replace(errors, axis_sd=axis_sd_of(result, capacity_ah))
     fitted = {
         name.partition(" [")[0]: estimate.relative_error
         for name, estimate in result.constant.estimates.items()
@@ -179,7 +173,7 @@ def model_of(result: Result, slow: Sequence[str] = ()) -> FilterModel:
         relative = float(np.clip(fitted.get(name) or LEAST_SD, LEAST_SD, LARGEST_SD))
         slow_sd.append({OFFSET: rest_a, CAPACITY: CAPACITY_SD}.get(name, relative))
     return make_model(
-        result.cell_at(),
+        cell,
         result.model,
         result.circuit_parameters,
         errors,

@@ -9,6 +9,7 @@ from importlib.metadata import version
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
+from jaxtyping import Float
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
 from .cell import CircuitParameters, OcvTable, get_circuit
@@ -37,6 +38,15 @@ Soc = Annotated[float, Field(ge=-10, le=10)]
 CircuitName = Annotated[str, AfterValidator(lambda name: get_circuit(name).name)]
 # What a file of a folder serves for.
 Use = Literal["identification", "OCV test", "validation", "not used"]
+
+
+def scored_errors(
+    evaluations: Sequence[Evaluation],
+) -> tuple[Float[np.ndarray, "scored"], Float[np.ndarray, "scored"]]:
+    """The states of charge and the errors in V of all samples of several records that count."""
+    scored = [(one, one.prepared.scored) for one in evaluations]
+    soc = np.concatenate([one.prepared.soc[here] for one, here in scored])
+    return soc, np.concatenate([one.error_v[here] for one, here in scored])
 
 
 class MetricsPart(Part):
@@ -71,21 +81,16 @@ class MetricsPart(Part):
     @classmethod
     def of(cls, *evaluations: Evaluation, name: str | None = None) -> Self:
         """The errors of a circuit on one record, or on several together under one name."""
-        errors_v = np.concatenate(
-            [
-                evaluation.error_v[evaluation.prepared.scored & is_above(evaluation.prepared.soc)]
-                for evaluation in evaluations
-            ]
-        )
-        moved_soc, least_v = None, None
-        if len(evaluations) == 1 and evaluations[0].registered:
-            moved_soc, least_v = evaluations[0].registered
+        first, *others = evaluations
+        soc, error_v = scored_errors(evaluations)
+        above_v = error_v[is_above(soc)]
+        moved = None if others else first.registered
         return cls(
-            record=evaluations[0].prepared.record.name if name is None else name,
+            record=first.prepared.record.name if name is None else name,
             **vars(pooled(evaluations)),
-            rmse_above_10_soc_v=float(np.sqrt(np.mean(errors_v**2))) if len(errors_v) else None,
-            registered_v=least_v,
-            start_moved_soc=moved_soc,
+            rmse_above_10_soc_v=float(np.sqrt(np.mean(above_v**2))) if len(above_v) else None,
+            registered_v=moved and moved[1],
+            start_moved_soc=moved and moved[0],
         )
 
     @property
@@ -368,10 +373,7 @@ class ConstantPart(Part):
 
 def bands_by_soc(evaluations: Sequence[Evaluation]) -> tuple[Band, ...]:
     """The errors of several records together in each tenth of the state of charge."""
-    scored = [evaluation.prepared.scored for evaluation in evaluations]
-    soc = [evaluation.prepared.soc[s] for evaluation, s in zip(evaluations, scored, strict=True)]
-    error_v = [evaluation.error_v[s] for evaluation, s in zip(evaluations, scored, strict=True)]
-    return soc_bands(np.concatenate(soc), np.concatenate(error_v))
+    return soc_bands(*scored_errors(evaluations))
 
 
 @functools.cache

@@ -150,9 +150,10 @@ class Setup:
         return is_table or self.fits is not None or self.over_temperature
 
 
-def asks_for_constant(job: Job, named: Iterable[str]) -> bool:
+def asks_for_constant(job: Job) -> bool:
     """True where a constant circuit is asked for: a model without tables, or a bounded or held
     capacitance, which tables do not have."""
+    named = *(ranges_of(job.bounds)[1] or ()), *(job.fix or ())
     has_farads = any(name.endswith("[F]") for name in named)
     is_constant = (job.model is not None and job.over is None) or has_farads
     return is_constant and job.over != OVER_TEMPERATURE
@@ -176,7 +177,7 @@ def set_up(first: Problem, inputs: Inputs, windows: Mapping[str, Window], job: J
         return Setup(first, validation, own.found.settings, tried=own.tried, fits=own.found)
     if job.over == OVER_TEMPERATURE:
         return Setup(first, validation, tables, over_temperature=True)
-    if asks_for_constant(job, {*first.bounds.ranges, *first.bounds.fixed}):
+    if asks_for_constant(job):
         return Setup(first, validation, tables)
     limits = limits_of(first.cell, tables, job.model, None if job.over is None else True)
 

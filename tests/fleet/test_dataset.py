@@ -15,9 +15,10 @@ from barnax.fleet.dataset import (
     compact,
     dataset_path,
     finished,
-    keep_result,
+    keep_file,
     parts_folder,
     read_rows,
+    result_path,
     rows_of_others,
     write_rows,
     writing,
@@ -76,7 +77,7 @@ def test_a_result_is_not_written_through_a_link(tmp_path, link):
     (out / link).parent.mkdir(parents=True)
     (out / link).symlink_to(elsewhere)
     with pytest.raises(InputError, match=r"is a link.*delete the link"):
-        keep_result(out, "a", "{}")
+        keep_file(out, result_path(out, "a"), b"{}")
     assert not [path for path in elsewhere.rglob("*") if path.is_file()]
 
 

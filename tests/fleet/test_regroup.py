@@ -6,7 +6,14 @@ import barnax
 from barnax.errors import InputError
 from barnax.factors import factors_to_bytes
 from barnax.fleet import identify_fleet
-from barnax.fleet.dataset import dataset_path, keep_factors, read_rows, regrouped, write_rows
+from barnax.fleet.dataset import (
+    dataset_path,
+    factors_path,
+    keep_file,
+    read_rows,
+    regrouped,
+    write_rows,
+)
 from barnax.fleet.manifest import FleetCell
 from barnax.fleet.rows import identify_rows
 from barnax.model.prepared import Window, prepare_record
@@ -29,7 +36,7 @@ def fleet(tmp_path_factory, bundled_record, bundled_cell):
         window = Window(score_from_s=first_s, score_to_s=first_s + 2000.5)
         prepared = prepare_record(bundled_record, bundled_cell, "so-rc", window)
         kept = keep(prepared, Grid(low_s=4.0, high_s=250.0, nodes=CONSTANT))
-        size = keep_factors(out, name, factors_to_bytes([kept]))
+        size = keep_file(out, factors_path(out, name), factors_to_bytes([kept]))
         rows.append({"id": name, "error": None, "cell_name": "A/1", "factor bytes": size})
     rows.append({"id": "c", "error": "no such file", "cell_name": "B", "factor bytes": None})
     write_rows(dataset_path(out), rows)
@@ -49,7 +56,7 @@ def test_rows_alike_in_a_column_are_one_cell(fleet):
 def test_the_mean_cell_of_a_pack_is_none_of_its_cells(fleet, tmp_path):
     factors = (fleet / "factors" / "a.factors.npz").read_bytes()
     for name in ("car", "car V1", "car V2"):
-        keep_factors(tmp_path, name, factors)
+        keep_file(tmp_path, factors_path(tmp_path, name), factors)
     rows = [{"id": "car", "pack": None}, *({"id": f"car V{k}", "pack": "car"} for k in (1, 2))]
     write_rows(dataset_path(tmp_path), [{**each, "error": None, "model": "x"} for each in rows])
     (cell,) = regrouped(tmp_path, ["model"])
@@ -67,7 +74,11 @@ def test_a_row_that_names_another_folder_is_refused(tmp_path):
 
 def test_groups_that_would_have_one_name_are_refused_with_both(fleet, tmp_path):
     for name in "ab":
-        keep_factors(tmp_path, name, (fleet / "factors" / "a.factors.npz").read_bytes())
+        keep_file(
+            tmp_path,
+            factors_path(tmp_path, name),
+            (fleet / "factors" / "a.factors.npz").read_bytes(),
+        )
     rows = [{"id": name, "error": None, "car": car} for name, car in (("a", "A/1"), ("b", "A-1"))]
     write_rows(dataset_path(tmp_path), rows)
     with pytest.raises(InputError, match=r"A/1 and A-1 would both be called 'A-1'; change"):

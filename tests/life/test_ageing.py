@@ -10,8 +10,8 @@ from scipy.signal import lfilter
 
 import barnax
 from barnax.errors import InputError
-from barnax.fleet.aged import ageing_row
 from barnax.life import QUANTITIES, life_of
+from barnax.life.rows import ageing_row
 from barnax.model.prepared import prepare_record
 from barnax.over_soc import ageing
 from barnax.over_soc.ageing import (

@@ -30,7 +30,7 @@ from barnax.optimizers.leaders import (
     replace_leaders,
     three_best,
 )
-from barnax.optimizers.population import best_of, better_leader
+from barnax.optimizers.population import best_of, better_of_each
 from barnax.optimizers.pso import badness
 
 BOX = Box(jnp.array([-4.0, 0.0, 10.0]), jnp.array([4.0, 1.0, 90.0]))
@@ -78,7 +78,7 @@ def test_a_coevolving_particle_moves_its_own_coordinates_in_the_context():
     for place in range(3):
         leader = np.argmin(np.where(np.arange(CANDIDATES) % 3 == place, losses, np.inf))
         assert offspring[-1, place] == swarm.positions[leader, place]
-    assert species.context.loss == losses.min()
+    assert species.context.losses == losses.min()
 
 
 def test_exploring_particles_follow_others_and_exploiting_ones_the_best():
@@ -220,11 +220,11 @@ def test_demoted_leaders_are_the_three_best_ever():
 def test_a_leader_is_replaced_only_by_a_strictly_better_candidate():
     swarm = Swarm(jnp.array([[1.0], [2.0]]), jnp.array([3.0, 3.0]))
     leader = best_of(swarm)
-    assert leader.position[0] == 1
-    same = better_leader(leader, Swarm(swarm.positions + 5, swarm.losses))
-    assert same.position[0] == 1
-    better = better_leader(leader, Swarm(swarm.positions + 5, swarm.losses - 1))
-    assert (better.position[0], better.loss) == (6, 2)
+    assert leader.positions[0] == 1
+    same = better_of_each(leader, best_of(Swarm(swarm.positions + 5, swarm.losses)))
+    assert same.positions[0] == 1
+    better = better_of_each(leader, best_of(Swarm(swarm.positions + 5, swarm.losses - 1)))
+    assert (better.positions[0], better.losses) == (6, 2)
 
 
 @pytest.mark.parametrize(("limit", "expected"), [(0.25, 0.25), (None, 0.06)])
@@ -270,7 +270,7 @@ def test_a_sailfish_takes_the_place_of_a_fitter_sardine():
     after = survived(solver, before, offspring)
     np.testing.assert_array_equal(after.losses, [1, 6, 4, 4, 7, 9])
     np.testing.assert_array_equal(after.positions[:, 0], [2, 2, 3, 3, 2, 2])
-    assert after.memory.loss == 1
+    assert after.memory.losses == 1
 
 
 @pytest.mark.parametrize(

@@ -97,7 +97,12 @@ def run_filter(
         parts = _parts(*both, PARTS if kind == "sum" else 1)
         step = _joint_step(model, "ukf" if kind == "dual" else kind)
         rows = _along(step, (parts, jnp.zeros_like(mean[0])), (drive, walks))
-    return _estimate(model, rows)
+    count = len(model.slow)
+    deviations = jnp.sqrt(rows[:, 2 + count :])
+    return Estimate(
+        *(rows[:, 0], jnp.hypot(deviations[:, 0], model.axis_sd), rows[:, 2 : 2 + count]),
+        *(deviations[:, 1:-1], rows[:, 1], deviations[:, -1]),
+    )
 
 
 def _gated(
@@ -116,15 +121,6 @@ def _gated(
 def _along(step: Callable[[Any, Any], Any], carry: Any, given: Any) -> Any:
     """What every turn of a scan gives."""
     return in_one_function(lambda carry, given: lax.scan(step, carry, given)[1])(carry, given)
-
-
-def _estimate(model: FilterModel, rows: Float[Array, "samples kept"]) -> Estimate:
-    count = len(model.slow)
-    deviations = jnp.sqrt(rows[:, 2 + count :])
-    return Estimate(
-        *(rows[:, 0], jnp.hypot(deviations[:, 0], model.axis_sd), rows[:, 2 : 2 + count]),
-        *(deviations[:, 1:-1], rows[:, 1], deviations[:, -1]),
-    )
 
 
 def _parts(mean: Vector, variance: Vector, count: int) -> Parts:
@@ -176,7 +172,9 @@ def _joint_step(model: FilterModel, kind: Kind):
                 observed = _observe_unscented(voltage, belief)
             else:
                 slope = model.slopes(belief.mean[:count], belief.mean[count:], drive, near)
-                observed = _observe_extended(voltage(belief.mean), slope, belief)
+                with_state = jnp.sum(belief.covariance * slope, axis=1)
+                variance_v2 = jnp.sum(slope * with_state)
+                observed = Observation(voltage(belief.mean), variance_v2, with_state)
             innovation_v = drive.voltage_v - observed.voltage_v
             variance_v2 = observed.variance_v2 + model.noise_v2(near, drive.interval_s)
             belief = _correct(belief, observed.with_state, innovation_v, variance_v2)
@@ -293,11 +291,6 @@ def _predict_extended(
     for column, own in zip(columns, moved.T[count:], strict=True):
         covariance = covariance + own[:, None] * column
     return Gaussian(mean, covariance)
-
-
-def _observe_extended(voltage_v: Scalar, slope: Vector, belief: Gaussian) -> Observation:
-    with_state = jnp.sum(belief.covariance * slope, axis=1)
-    return Observation(voltage_v, jnp.sum(slope * with_state), with_state)
 
 
 def _predict_unscented(

@@ -125,16 +125,9 @@ def _joined(frames: Sequence[pl.DataFrame]) -> pl.DataFrame:
     return pl.concat(alike, how="diagonal_relaxed")
 
 
-def keep_result(out: Path, name: str, text: str) -> None:
-    """A cell's result.json beside the dataset. Raises `InputError` where it would be elsewhere."""
-    _keep(out, out / RESULTS / name / "result.json", text.encode())
-
-
-def keep_factors(out: Path, name: str, content: bytes) -> int:
-    """The length in bytes of a cell's factor file, now beside the dataset. Raises as
-    `keep_result` does."""
-    _keep(out, factors_path(out, name), content)
-    return len(content)
+def result_path(out: Path, name: str) -> Path:
+    """The file of a cell's result."""
+    return out / RESULTS / name / "result.json"
 
 
 def factors_path(out: Path, name: str) -> Path:
@@ -142,12 +135,15 @@ def factors_path(out: Path, name: str) -> Path:
     return out / FACTORS / f"{name}{SUFFIX}"
 
 
-def _keep(out: Path, path: Path, content: bytes) -> None:
+def keep_file(out: Path, path: Path, content: bytes) -> int:
+    """The length in bytes of a file that is put beside the dataset. Raises `InputError` where it
+    would be elsewhere."""
     # A store has neither folders nor links.
     if isinstance(out, Path):
         for place in reversed(path.parents[: len(path.relative_to(out).parts) - 1]):
             _require_no_link(place)
     write_whole(path, content)
+    return len(content)
 
 
 def _require_no_link(folder: Path) -> None:

@@ -166,9 +166,10 @@ def read_manifest(
             )
         return cells, ()
     rows, own_defaults = _rows(place)
-    given = {**_renamed(defaults or {}), **_renamed(own_defaults)}
+    given = _filled({**(defaults or {}), **own_defaults})
     allowed = [*addresses, *([] if isinstance(place, Path) else [str(place.parent)])]
-    cells, faults, row_of = [], list[str](), dict[str, int]()
+    faults = [] if problems is None else problems
+    cells, row_of = [], dict[str, int]()
     for number, row in enumerate(rows, 2 if place.suffix.lower() != ".toml" else 1):
         where = f"{place.name}: row {number}"
         cell = cell_of(given | _filled(row), place.parent, where, faults)
@@ -181,8 +182,6 @@ def read_manifest(
     if faults and problems is None:
         more = f"; `dry_run` lists {len(faults) - 1} more" if len(faults) > 1 else ""
         raise InputError(faults[0] + more)
-    if problems is not None:
-        problems += faults
     if not cells:
         raise InputError(f"{place}: has no cells; add a row for each")
     return cells, tuple(dict.fromkeys(name for cell in cells for name in cell.carried))
@@ -254,15 +253,12 @@ def _rows(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
         ) from problem
 
 
-def _renamed(row: Mapping[str, Any]) -> dict[str, Any]:
-    return {ALIKE.get(name, name): value for name, value in row.items()}
-
-
 def _filled(row: Mapping[str, Any]) -> dict[str, Any]:
-    """The values of a row, without those it leaves empty."""
+    """The values of a row by the names of columns, without those it leaves empty."""
+    renamed = {ALIKE.get(name, name): value for name, value in row.items()}
     return {
         name: value
-        for name, value in _renamed(row).items()
+        for name, value in renamed.items()
         if value is not None and not (isinstance(value, str | list) and not value)
     }
 
@@ -275,7 +271,7 @@ def cell_of(
     Paths are relative to `folder`. `where` says in messages which row it was; `problems` takes
     them, one a line. Without it, raises `InputError` where a value cannot be used.
     """
-    row, faults = _filled(row), list[str]()
+    row, faults = _filled(row), [] if problems is None else problems
     name = str(row.get("id", ""))
     if not name.strip():
         faults.append(f"{where}: no id; give each cell its own")
@@ -303,8 +299,6 @@ def cell_of(
     windows = [_window(row, where, faults, whose) for whose in ("", OF_VALIDATION)]
     if faults and problems is None:
         raise InputError("\n".join(faults))
-    if problems is not None:
-        problems += faults
     return FleetCell(
         id=name,
         records=records,

@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -17,8 +17,9 @@ from ..checks.against_cell import compare_temperatures
 from ..errors import InputError, reason_of
 from ..factors import factors_to_bytes, read_factors
 from ..files import fetched, is_address, is_factor_file
-from ..inputs import file_names, how_read, input_warnings, source_of
+from ..inputs import Measured, file_names, how_read, input_warnings, source_of
 from ..job import Job
+from ..life.rows import ageing_row
 from ..model.window import Window
 from ..notices import Notice
 from ..over_soc.fit import TableFit
@@ -34,8 +35,7 @@ from ..results import Result
 from ..run_setup import bounded_tables
 from ..settings import CellSettings, Reading, Settings
 from ..uncertainty.covariance import named_values
-from .aged import ageing_row
-from .dataset import keep_factors, keep_result
+from .dataset import factors_path, keep_file, result_path
 from .manifest import FleetCell, Options, short_name, stamp
 
 # Settings of a fleet that are no arguments of `identify`.
@@ -75,16 +75,15 @@ def identify_rows(cell: FleetCell, settings: Options, out: Path | None = None) -
             if pack is not None:
                 of_pack += [{**own, **cell.carried} for own in pack_rows(pack, cell.id)]
             if out is not None and settings.get("keep_results"):
-                keep_result(out, cell.id, result.to_json())
+                keep_file(out, result_path(out, cell.id), result.to_json().encode())
             if out is not None and grid is not None:
-                kept = [keep(prepared, grid) for prepared in used]
-                row["factor bytes"] = keep_factors(out, cell.id, factors_to_bytes(kept))
+                kept = [[keep(prepared, grid) for prepared in used]]
                 if pack is not None:
                     names = [cell.name for cell in pack.fit.cells]
-                    cells = keep_all(used[0], grid, pack.beside_v, names)
-                    for own, factors in zip(of_pack, cells, strict=True):
-                        size = keep_factors(out, own["id"], factors_to_bytes([factors]))
-                        own["factor bytes"] = size
+                    kept += [[own] for own in keep_all(used[0], grid, pack.beside_v, names)]
+                for own, records in zip([row, *of_pack], kept, strict=True):
+                    content = factors_to_bytes(records)
+                    own["factor bytes"] = keep_file(out, factors_path(out, own["id"]), content)
     except InputError as problem:
         # One sentence, and what is told of each file of a folder with the warnings.
         row["error"], *row["warnings"] = str(problem).splitlines()
@@ -129,17 +128,17 @@ def identified(cell: FleetCell, settings: Options) -> tuple[Result, tuple[Notice
         found = identify(job if job.model or job.over else job.changed(over="soc"))
         return found, found.warnings
     window = Window(**cell.window)
-    known = _known_cell(
+    known, tests, of_tests, tests_degc = _known_cell(
         cell.cell and (cell.cell, stamp(cell.cell)),
         tuple((path, stamp(path)) for path in cell.ocv),
         window.capacity_ah, window.rest_current_a, reading, job.part(CellSettings),
     )  # fmt: skip
-    result = identify(job.changed(ocv=known.tests, cell=known.model))
+    result = identify(job.changed(ocv=tests, cell=known))
     evaluations = result.evaluations
     used = [one.prepared for one in (*evaluations.identification, *evaluations.validation)]
     measured = [(prepared.record.name, prepared.temperature_degc) for prepared in used]
-    more = compare_temperatures(measured, known.temperatures_degc)
-    return result, tuple(dict.fromkeys((*result.warnings, *known.warnings, *more)))
+    more = compare_temperatures(measured, tests_degc)
+    return result, tuple(dict.fromkeys((*result.warnings, *of_tests, *more)))
 
 
 def _identified_pack(cell: FleetCell, settings: Options) -> Pack:
@@ -233,15 +232,6 @@ def _windows(cell: FleetCell) -> Window | dict[str, Window]:
     return {"": common, **dict.fromkeys(called, own)}
 
 
-class _Known(NamedTuple):
-    """A cell that its OCV tests, or an earlier result, show; what is found in those files."""
-
-    model: CellModel
-    tests: list[Record | OcvTable]
-    warnings: list[Notice]
-    temperatures_degc: list[tuple[str, float | None]]
-
-
 @functools.lru_cache(maxsize=CELLS_KEPT)
 def _known_cell(
     earlier: tuple[str, Any] | None,
@@ -250,10 +240,12 @@ def _known_cell(
     rest_current_a: float | None,
     reading: Reading,
     fits: CellSettings,
-) -> _Known:
-    """Read and fit once what many cells of a fleet share; a changed file is another one."""
+) -> tuple[CellModel, list[Record | OcvTable], list[Notice], Measured]:
+    """The cell that OCV tests, or an earlier result, show, with these tests, warnings of them and
+    their temperatures. What many cells of a fleet share is read and fitted once; a changed file is
+    another one."""
     if earlier is not None:
-        return _Known(Result.from_json(earlier[0]).cell, [], [], [])
+        return Result.from_json(earlier[0]).cell, [], [], []
     tests, warnings, temperatures_degc = [], [], []
     for path, _ in ocv:
         source = source_of(_given(path, reading), {}, reading)
@@ -267,7 +259,7 @@ def _known_cell(
     model = characterize(
         tests, capacity_ah=capacity_ah, rest_current_a=rest_current_a, **fits.of_curves
     )
-    return _Known(model, tests, warnings, temperatures_degc)
+    return model, tests, warnings, temperatures_degc
 
 
 def sources_of(paths: Sequence[str], reading: Reading, loggers: Loggers) -> list[Source]:

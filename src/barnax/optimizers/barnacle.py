@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, Key, UInt32
 
 from .draws import TentBranch, levy_step, normal, tent_map
 from .population import (
-    AbstractPopulationMinimiser,
+    AbstractSortedSearch,
     Box,
     Generation,
     Proposal,
@@ -34,7 +34,7 @@ class Chances(NamedTuple):
     mixture: Float[Array, "candidates candidates"] | None
 
 
-class BarnacleMating(AbstractPopulationMinimiser):
+class BarnacleMating(AbstractSortedSearch):
     """Mate close barnacles, cast the sperm of distant ones, keep the best of both generations.
 
     With the defaults this is the barnacle mating optimizer (Sulaiman et al., 2020) in the form
@@ -96,13 +96,9 @@ class BarnacleMating(AbstractPopulationMinimiser):
             raise ValueError("reevaluate_parents asks for a brood_share of zero")
 
     def start(self, key: Key[Array, ""], box: Box, dtype: Any) -> Float[Array, "candidates dims"]:
-        dims = len(box.lower)
-        if self.tent_start:
-            return box.scale(tent_map(key, self.population, dims, self.tent_branch, dtype))
-        return box.scale(jr.uniform(key, (self.population, dims), dtype))
-
-    def prepare(self, swarm: Swarm, box: Box) -> Swarm:
-        return sort_by_loss(swarm)
+        if not self.tent_start:
+            return super().start(key, box, dtype)
+        return box.scale(tent_map(key, self.population, len(box.lower), self.tent_branch, dtype))
 
     def draw(self, key: Key[Array, ""], generation: Generation, box: Box) -> Chances:
         lot_key, factor_key, step_key, mixture_key = jr.split(key, 4)
@@ -136,8 +132,7 @@ class BarnacleMating(AbstractPopulationMinimiser):
 
     def survive(self, swarm: Swarm, offspring: Swarm, generation: Generation) -> Swarm:
         if self.reevaluate_parents:
-            best = sort_by_loss(offspring)
-            return Swarm(best.positions[: self.population], best.losses[: self.population])
+            return sort_by_loss(offspring).at(slice(self.population))
         if self.brood_share == 0:
             return keep_best(swarm, offspring, self.population)
         return lax.cond(

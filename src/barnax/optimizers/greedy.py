@@ -7,24 +7,8 @@ import jax.random as jr
 from jaxtyping import Array, Bool, Float, Int, Key
 
 from .draws import normal
-from .population import (
-    AbstractUniformStart,
-    Box,
-    Generation,
-    Proposal,
-    Swarm,
-    better_of_each,
-    keep_best,
-    sort_by_loss,
-)
+from .population import AbstractSortedSearch, Box, Generation, Proposal, Swarm, keep_best
 from .pso import badness
-
-
-class AbstractSortedSearch(AbstractUniformStart):
-    """A search whose candidates stand in the order of their losses, the best first."""
-
-    def prepare(self, swarm: Swarm, box: Box) -> Swarm:
-        return sort_by_loss(swarm)
 
 
 class Mating(NamedTuple):
@@ -152,9 +136,6 @@ class Ecosystem(AbstractSortedSearch):
         decaying = best + drawn.to_best * best + drawn.away * positions
         return jnp.where(generation % 2 == 1, consuming, decaying), None
 
-    def survive(self, swarm: Swarm, offspring: Swarm, generation: Generation) -> Swarm:
-        return sort_by_loss(better_of_each(swarm, offspring))
-
 
 class SunflowerSearch(AbstractSortedSearch):
     """Enhanced sunflower optimization, in the manner of El-Sehiemy et al. (2020).
@@ -192,6 +173,3 @@ class SunflowerSearch(AbstractSortedSearch):
         reach = jnp.where(is_pollinated, step, 2 * step)
         stepped = positions + jnp.clip(reach * (goal - positions), -limit, limit)
         return jnp.where(rank < self.population - dying, stepped, born), None
-
-    def survive(self, swarm: Swarm, offspring: Swarm, generation: Generation) -> Swarm:
-        return sort_by_loss(better_of_each(swarm, offspring))

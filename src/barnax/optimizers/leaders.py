@@ -10,29 +10,29 @@ from jax import lax
 from jaxtyping import Array, Bool, Float, Int, Key, Scalar
 
 from .population import (
-    AbstractUniformStart,
+    AbstractPopulationMinimiser,
     Box,
     Generation,
     Proposal,
     Swarm,
     best_first,
     best_of,
-    better_leader,
     better_of_each,
+    joined,
     ranks,
     replaced,
     sort_by_loss,
 )
 
 
-class AbstractLedSearch(AbstractUniformStart):
+class AbstractLedSearch(AbstractPopulationMinimiser):
     """All candidates move on in every generation; only the best ever met is remembered."""
 
     def prepare(self, swarm: Swarm, box: Box) -> Swarm:
         return Swarm(swarm.positions, swarm.losses, best_of(swarm))
 
     def survive(self, swarm: Swarm, offspring: Swarm, generation: Generation) -> Swarm:
-        leader = better_leader(offspring.memory, offspring)
+        leader = better_of_each(offspring.memory, best_of(offspring))
         return Swarm(offspring.positions, offspring.losses, leader)
 
 
@@ -84,7 +84,7 @@ class WhaleSearch(AbstractLedSearch):
         )
 
     def propose(self, drawn: Swim, swarm: Swarm, generation: Generation, box: Box) -> Proposal:
-        positions, best = swarm.positions, swarm.memory.position
+        positions, best = swarm.positions, swarm.memory.positions
         random = jnp.take_along_axis(positions, drawn.whale, axis=0)
         place = jnp.where(drawn.follows_random, random, best)
         return place + drawn.step * jnp.abs(drawn.weight * place - positions), swarm.memory
@@ -125,14 +125,14 @@ class SeagullSearch(AbstractLedSearch):
         return Glide(control * (2 * numbers[0] - 1), spiral, control)
 
     def propose(self, drawn: Glide, swarm: Swarm, generation: Generation, box: Box) -> Proposal:
-        positions, best = swarm.positions, swarm.memory.position
+        positions, best = swarm.positions, swarm.memory.positions
         migration = drawn.control * positions + drawn.step * (best - positions)
         if self.spiral_attack:
             migration = jnp.abs(migration)
         return migration * drawn.spiral + best, swarm.memory
 
 
-class SailfishSearch(AbstractUniformStart):
+class SailfishSearch(AbstractPopulationMinimiser):
     """The sailfish optimizer (Shadravan et al., 2019).
 
     A share of the population are sailfish, which swim about the best sailfish so far and the
@@ -165,7 +165,7 @@ class SailfishSearch(AbstractUniformStart):
 
     def propose(self, drawn: Array, swarm: Swarm, generation: Generation, box: Box) -> Proposal:
         sailfish, sardines = self._schools(swarm)
-        elite, injured = swarm.memory.position, best_of(sardines).position
+        elite, injured = swarm.memory.positions, best_of(sardines).positions
         dims, dtype = swarm.positions.shape[1], swarm.positions.dtype
         attack_numbers, flee_numbers = jnp.split(drawn, [len(sailfish.losses)])
 
@@ -202,17 +202,14 @@ class SailfishSearch(AbstractUniformStart):
         is_eaten = sardines.losses[:meals] < sailfish.losses[:meals]
         is_fed = jnp.pad(is_eaten, (0, hunters - meals))
         is_gone = jnp.pad(is_eaten, (0, len(sardines.losses) - meals))
-        prey = _rows(sardines, jnp.arange(hunters) % len(sardines.losses))
+        prey = sardines.at(jnp.arange(hunters) % len(sardines.losses))
         sailfish = replaced(is_fed, prey, sailfish)
-        newcomers = _rows(born, jnp.arange(len(sardines.losses)) % meals)
+        newcomers = born.at(jnp.arange(len(sardines.losses)) % meals)
         sardines = replaced(is_gone, newcomers, sardines)
 
-        elite = better_leader(offspring.memory, sailfish)
-        return Swarm(
-            jnp.concatenate([sailfish.positions, sardines.positions]),
-            jnp.concatenate([sailfish.losses, sardines.losses]),
-            elite,
-        )
+        elite = better_of_each(offspring.memory, best_of(sailfish))
+        school = joined(sailfish, sardines)
+        return Swarm(school.positions, school.losses, elite)
 
     def _schools(self, swarm: Swarm) -> tuple[Swarm, Swarm]:
         return _split(swarm, max(1, int(self.population * self.sailfish_share)))
@@ -224,14 +221,10 @@ def random_subset(numbers: Float[Array, "items"], share: Array) -> Bool[Array, "
 
 
 def _split(swarm: Swarm, first: int) -> tuple[Swarm, Swarm]:
-    return _rows(swarm, slice(first)), _rows(swarm, slice(first, None))
+    return swarm.at(slice(first)), swarm.at(slice(first, None))
 
 
-def _rows(swarm: Swarm, rows: Int[Array, "rows"] | slice) -> Swarm:
-    return Swarm(swarm.positions[rows], swarm.losses[rows])
-
-
-class GreyWolf(AbstractUniformStart):
+class GreyWolf(AbstractPopulationMinimiser):
     """The grey wolf optimizer (Mirjalili et al., 2014), in the form of its authors' code.
 
     Every wolf moves to the mean of three places, one about each leader. The paper says the
@@ -291,10 +284,8 @@ def follow(swarm: Swarm, choose: Callable[[Swarm, Swarm], Swarm]) -> Swarm:
 
 def three_best(leaders: Swarm, swarm: Swarm) -> Swarm:
     """The three best of the old leaders and the swarm, in order."""
-    positions = jnp.concatenate([leaders.positions, swarm.positions])
-    losses = jnp.concatenate([leaders.losses, swarm.losses])
-    order = best_first(losses, 3)
-    return Swarm(positions[order], losses[order])
+    both = joined(leaders, swarm)
+    return both.at(best_first(both.losses, 3))
 
 
 def replace_leaders(leaders: Swarm, swarm: Swarm) -> Swarm:
@@ -317,7 +308,7 @@ def replace_leaders(leaders: Swarm, swarm: Swarm) -> Swarm:
     return better_of_each(leaders, Swarm(swarm.positions[chosen], challenge))
 
 
-class ImprovedGreyWolf(AbstractUniformStart):
+class ImprovedGreyWolf(AbstractPopulationMinimiser):
     """The improved grey wolf optimizer (Nadimi-Shahraki et al., 2021).
 
     Every wolf weighs two places, that of the grey wolf optimizer and one learned from its

@@ -64,6 +64,18 @@ class Swarm(eqx.Module):
     losses: Float[Array, "candidates"]
     memory: PyTree = None
 
+    def at(self, rows: Int[Array, "rows"] | slice) -> "Swarm":
+        """Some of the candidates, and the memory."""
+        return Swarm(self.positions[rows], self.losses[rows], self.memory)
+
+
+def joined(first: Swarm, second: Swarm) -> Swarm:
+    """The candidates of two swarms, without a memory."""
+    return Swarm(
+        jnp.concatenate([first.positions, second.positions]),
+        jnp.concatenate([first.losses, second.losses]),
+    )
+
 
 def ranks(values: Shaped[Array, "items"]) -> Int[Array, "items"]:
     """The place of every item in ascending order, from 0; equal items keep their order."""
@@ -94,16 +106,14 @@ def best_first(losses: Float[Array, "candidates"], count: int) -> Int[Array, "co
 
 def sort_by_loss(swarm: Swarm) -> Swarm:
     """The swarm with its best candidate first; equal losses keep their order."""
-    order = best_first(swarm.losses, len(swarm.losses))
-    return Swarm(swarm.positions[order], swarm.losses[order], swarm.memory)
+    return swarm.at(best_first(swarm.losses, len(swarm.losses)))
 
 
 def keep_best(swarm: Swarm, offspring: Swarm, population: int) -> Swarm:
     """The best of sorted parents and their offspring together, sorted; a parent wins a tie."""
-    positions = jnp.concatenate([swarm.positions, offspring.positions])
-    losses = jnp.concatenate([swarm.losses, offspring.losses])
-    if len(losses) > COUNTED:
-        kept = best_first(losses, population)
+    both = joined(swarm, offspring)
+    if len(both.losses) > COUNTED:
+        kept = best_first(both.losses, population)
     else:
         parents, children = swarm.losses, offspring.losses
         is_beaten = children[:, None] < parents[None, :]
@@ -112,7 +122,7 @@ def keep_best(swarm: Swarm, offspring: Swarm, population: int) -> Swarm:
         kept = items_at_ranks(
             jnp.concatenate([parent_ranks, ranks(children) + _count(is_behind)]), population
         )
-    return Swarm(positions[kept], losses[kept], offspring.memory)
+    return Swarm(both.positions[kept], both.losses[kept], offspring.memory)
 
 
 def replaced(is_replaced: Bool[Array, "candidates"], new: Swarm, old: Swarm) -> Swarm:
@@ -132,27 +142,10 @@ def _count(claims: Shaped[Array, "others items"]) -> Int[Array, "items"]:
     return jnp.sum(claims, axis=0, dtype=jnp.int32)
 
 
-class Leader(eqx.Module):
-    """A position and its loss, kept though the swarm moves on."""
-
-    position: Float[Array, "dims"]
-    loss: Scalar
-
-
-def best_of(swarm: Swarm) -> Leader:
-    """The swarm's best candidate; of equal ones the first."""
-    best = jnp.argmin(swarm.losses)
-    return Leader(swarm.positions[best], swarm.losses[best])
-
-
-def better_leader(leader: Leader, swarm: Swarm) -> Leader:
-    """The leader, unless the swarm holds a strictly better candidate."""
-    challenger = best_of(swarm)
-    is_better = challenger.loss < leader.loss
-    return Leader(
-        jnp.where(is_better, challenger.position, leader.position),
-        jnp.where(is_better, challenger.loss, leader.loss),
-    )
+def best_of(swarm: Swarm) -> Swarm:
+    """The swarm's best candidate as a swarm of one; of equal ones the first."""
+    best = jnp.argmin(swarm.losses)[None]
+    return Swarm(swarm.positions[best], swarm.losses[best])
 
 
 class PopulationState(eqx.Module):
@@ -205,9 +198,9 @@ class AbstractPopulationMinimiser(optx.AbstractMinimiser):
         atol = property(lambda self: 0.0)
         norm = property(lambda self: optx.max_norm)
 
-    @abc.abstractmethod
     def start(self, key: Key[Array, ""], box: Box, dtype: Any) -> Float[Array, "candidates dims"]:
-        """The initial positions, `population` of them."""
+        """The initial positions, `population` of them; by default at random all over the box."""
+        return box.scale(jr.uniform(key, (self.population, len(box.lower)), dtype))
 
     @abc.abstractmethod
     def prepare(self, swarm: Swarm, box: Box) -> Swarm:
@@ -338,11 +331,15 @@ class AbstractPopulationMinimiser(optx.AbstractMinimiser):
         return state.best_position.reshape(y.shape), state.best_aux, stats
 
 
-class AbstractUniformStart(AbstractPopulationMinimiser):
-    """A search whose first population is spread evenly over the box, at random."""
+class AbstractSortedSearch(AbstractPopulationMinimiser):
+    """A search whose candidates stand in the order of their losses, the best first; each is
+    replaced by its own offspring where that is better."""
 
-    def start(self, key: Key[Array, ""], box: Box, dtype: Any) -> Float[Array, "candidates dims"]:
-        return box.scale(jr.uniform(key, (self.population, len(box.lower)), dtype))
+    def prepare(self, swarm: Swarm, box: Box) -> Swarm:
+        return sort_by_loss(swarm)
+
+    def survive(self, swarm: Swarm, offspring: Swarm, generation: Generation) -> Swarm:
+        return sort_by_loss(better_of_each(swarm, offspring))
 
 
 def _key(options: dict[str, Any]) -> Key[Array, ""]:

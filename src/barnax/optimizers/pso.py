@@ -8,14 +8,12 @@ import jax.random as jr
 from jaxtyping import Array, Bool, Float, Key, Scalar
 
 from .population import (
-    AbstractUniformStart,
+    AbstractPopulationMinimiser,
     Box,
     Generation,
-    Leader,
     Proposal,
     Swarm,
     best_of,
-    better_leader,
     better_of_each,
 )
 
@@ -35,8 +33,8 @@ class Flight(eqx.Module):
         return Flight(self.velocities, better_of_each(self.best, swarm))
 
     @property
-    def leader(self) -> Float[Array, "dims"]:
-        return best_of(self.best).position
+    def leader(self) -> Float[Array, "1 dims"]:
+        return best_of(self.best).positions
 
 
 def fly(
@@ -58,16 +56,20 @@ def fly(
     return Flight(velocities, flight.best)
 
 
-def fallen_inertia(
-    solver: "ParticleSwarm | MixedSwarm | CoevolvingSwarm", generation: Generation, dtype: Any
-) -> Scalar:
-    """The inertia of a generation, falling linearly from the solver's start to its end."""
-    progress = generation.astype(dtype) / solver.iterations
-    return solver.inertia_start - progress * (solver.inertia_start - solver.inertia_end)
+class AbstractFlyingSwarm(AbstractPopulationMinimiser):
+    """A search whose particles always move on, and remember the best place each has been.
 
+    The inertia falls linearly from `inertia_start` to `inertia_end`; the velocity limit is
+    `velocity_fraction` of the box's width.
+    """
 
-class AbstractFlyingSwarm(AbstractUniformStart):
-    """A search whose particles always move on, and remember the best place each has been."""
+    inertia_start: float = 0.9
+    inertia_end: float = 0.2
+    velocity_fraction: float = 0.06
+
+    def inertia(self, generation: Generation, dtype: Any) -> Scalar:
+        progress = generation.astype(dtype) / self.iterations
+        return self.inertia_start - progress * (self.inertia_start - self.inertia_end)
 
     def prepare(self, swarm: Swarm, box: Box) -> Swarm:
         return Swarm(swarm.positions, swarm.losses, Flight.start(swarm))
@@ -89,11 +91,8 @@ class ParticleSwarm(AbstractFlyingSwarm):
     position: `ParticleSwarm(velocity_limit=6.0, bounded=False)`.
     """
 
-    inertia_start: float = 0.9
-    inertia_end: float = 0.2
     own_pull: float = 2.0
     swarm_pull: float = 2.0
-    velocity_fraction: float = 0.06
     velocity_limit: float | None = None
     adaptive: bool = False
 
@@ -107,11 +106,11 @@ class ParticleSwarm(AbstractFlyingSwarm):
             share = badness(swarm.losses)[:, None]
             inertia = self.inertia_end + share * (self.inertia_start - self.inertia_end)
         else:
-            inertia = fallen_inertia(self, generation, positions.dtype)[None, None]
+            inertia = self.inertia(generation, positions.dtype)[None, None]
         limit = self.velocity_limit
         if limit is None:
             limit = self.velocity_fraction * box.width
-        flown = fly(flight, positions, inertia, drawn, flight.leader[None], limit)
+        flown = fly(flight, positions, inertia, drawn, flight.leader, limit)
         return positions + flown.velocities, flown
 
 
@@ -148,11 +147,8 @@ class MixedSwarm(AbstractFlyingSwarm):
 
     explorers: float = 0.5
     exploring_inertia: float = 0.7
-    inertia_start: float = 0.9
-    inertia_end: float = 0.2
     pull: float = 2.0
     exploring_pull: float = 1.5
-    velocity_fraction: float = 0.06
 
     def draw(self, key: Key[Array, ""], generation: Generation, box: Box) -> tuple[Array, Array]:
         """The weights of both pulls, and whom each explorer follows."""
@@ -167,10 +163,10 @@ class MixedSwarm(AbstractFlyingSwarm):
         self, drawn: tuple[Array, Array], swarm: Swarm, generation: Generation, box: Box
     ) -> Proposal:
         (weights, followed), positions, flight = drawn, swarm.positions, swarm.memory
-        fallen = fallen_inertia(self, generation, positions.dtype)
+        fallen = self.inertia(generation, positions.dtype)
         explores = self._explores()[:, None]
         inertia = jnp.where(explores, jnp.full_like(fallen, self.exploring_inertia), fallen)
-        guides = jnp.where(explores, flight.best.positions[followed], flight.leader[None])
+        guides = jnp.where(explores, flight.best.positions[followed], flight.leader)
         limit = self.velocity_fraction * box.width
         flown = fly(flight, positions, inertia, weights, guides, limit)
         return positions + flown.velocities, flown
@@ -183,10 +179,10 @@ class Species(eqx.Module):
     """Sub-swarms, and the context: the best circuit any of them has made with the others."""
 
     flight: Flight
-    context: Leader
+    context: Swarm
 
 
-class CoevolvingSwarm(AbstractUniformStart):
+class CoevolvingSwarm(AbstractFlyingSwarm):
     """Co-evolutionary PSO, in the manner of Yu et al. (2017).
 
     The coordinates are split into `groups` of neighbors, and a sub-swarm searches each: its
@@ -198,10 +194,7 @@ class CoevolvingSwarm(AbstractUniformStart):
     """
 
     groups: int = 3
-    inertia_start: float = 0.9
-    inertia_end: float = 0.2
     pull: float = 2.0
-    velocity_fraction: float = 0.06
 
     def prepare(self, swarm: Swarm, box: Box) -> Swarm:
         return Swarm(swarm.positions, swarm.losses, Species(Flight.start(swarm), best_of(swarm)))
@@ -212,11 +205,11 @@ class CoevolvingSwarm(AbstractUniformStart):
 
     def propose(self, drawn: Array, swarm: Swarm, generation: Generation, box: Box) -> Proposal:
         positions, flight, context = swarm.positions, swarm.memory.flight, swarm.memory.context
-        inertia = fallen_inertia(self, generation, positions.dtype)
+        inertia = self.inertia(generation, positions.dtype)
         limit = self.velocity_fraction * box.width
-        flown = fly(flight, positions, inertia[None, None], drawn, context.position[None], limit)
+        flown = fly(flight, positions, inertia[None, None], drawn, context.positions, limit)
         is_own = self._is_own(positions.shape[1])
-        moved = jnp.where(is_own, positions + flown.velocities, context.position)
+        moved = jnp.where(is_own, positions + flown.velocities, context.positions)
         # The best particle of each sub-swarm, with its own coordinates.
         losses = jnp.where(is_own, flight.best.losses[:, None], jnp.inf)
         best = jnp.argmin(losses, axis=0)[None]
@@ -226,7 +219,7 @@ class CoevolvingSwarm(AbstractUniformStart):
     def survive(self, swarm: Swarm, offspring: Swarm, generation: Generation) -> Swarm:
         moved = Swarm(offspring.positions[:-1], offspring.losses[:-1])
         flight, context = offspring.memory.flight, offspring.memory.context
-        species = Species(flight.landed(moved), better_leader(context, offspring))
+        species = Species(flight.landed(moved), better_of_each(context, best_of(offspring)))
         return Swarm(moved.positions, moved.losses, species)
 
     def _is_own(self, dims: int) -> Bool[Array, "candidates dims"]:

@@ -20,7 +20,6 @@ MAKERS = {
     "telling": 1,
     "_spike": 1,
     "mended": 0,
-    "_attempt": 0,
 }
 
 

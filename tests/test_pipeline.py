@@ -130,7 +130,9 @@ def test_a_failed_assessment_costs_only_itself(few, monkeypatch, failure):
     assert result.parameters == few.parameters
     assert result.constant.assessment is None
     reason = str(failure) or "LinAlgError"
-    assert Notice("answer.no-intervals", {"reason": reason}) in result.warnings
+    assert (
+        Notice("answer.incomplete", {"part": "the intervals", "reason": reason}) in result.warnings
+    )
     assert Result.model_validate_json(result.to_json()).to_json() == result.to_json()
 
 

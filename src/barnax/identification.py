@@ -79,7 +79,7 @@ def search_and_assess(
     assessment = None
     with watch("Assessing", 0):
         if trust != "none":
-            assessment = _attempt("answer.no-intervals", warnings, assess, problem, parameters)
+            assessment = _attempt("the intervals", warnings, assess, problem, parameters)
         if tables is not None and of_tables is not None:
             tables = _assessed(setup, tables, of_tables, warnings)
         if assessment is not None:
@@ -90,7 +90,7 @@ def search_and_assess(
             assessment = replace(assessment, uncertainty=uncertainty.spanning(others))
         if trust == "full" and assessment is not None:
             given = problem, parameters, assessment
-            examination = _attempt("answer.no-examination", warnings, examine, *given)
+            examination = _attempt("fitting again", warnings, examine, *given)
             assessment = replace(assessment, examination=examination)
     return make_result(
         problem, (constant, of_tables), optimum, refinement,
@@ -300,11 +300,12 @@ def optimum_or_none(problem: Problem) -> GlobalOptimum | None:
 
 
 def _attempt(
-    code: str, warnings: list[Notice], function: Callable[..., Any], *given: Any, **more: Any
+    part: str, warnings: list[Notice], function: Callable[..., Any], *given: Any, **more: Any
 ):
     """The value of the function; where it fails, a warning: the answer stands without it."""
     try:
         return function(*given, **more)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError, RuntimeError) as problem:
-        warnings.append(Notice(code, {"reason": str(problem) or type(problem).__name__}))
+        reason = str(problem) or type(problem).__name__
+        warnings.append(Notice("answer.incomplete", {"part": part, "reason": reason}))
         return None

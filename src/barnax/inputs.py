@@ -64,7 +64,7 @@ def read_inputs(job: "Job", without_test: Callable[[list[Record]], Any] | None =
             raise InputError("give a record to identify on; `ocv` and `validate` need one")
         given, tests, others = [BUNDLED.record], [*BUNDLED.ocv], [BUNDLED.validation]
     elif not tests and cell is None and without_test is None:
-        raise Notice("ocv-test.missing-to-compare", subject=_name_of(given[0])).error()
+        raise Notice("ocv-test.missing", subject=_name_of(given[0])).error()
     names = file_names([*given, *tests, *others])
     looked_at: list[tuple[str, Source, Any]] = []
     called: dict[str, int] = {}

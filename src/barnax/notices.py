@@ -75,7 +75,9 @@ class _Words(Formatter):
         choices = self.words.get(field_name)
         if choices is None:
             return kwargs[field_name], field_name
-        others = {name: own for name, own in self.words.items() if name != field_name}
+        # Within the words of a value, its name is the value itself.
+        itself = field_name, field_name.partition(".")[0]
+        others = {name: own for name, own in self.words.items() if name not in itself}
         words = _chosen(choices, _value(field_name, kwargs))
         return _Words(others).vformat(words, args, kwargs), field_name
 
@@ -118,11 +120,11 @@ class Notice:
         rating: Its severity; where none is given, the usual one of its code.
         sheet: That row's sheet, where there are several.
 
-    >>> close = Notice("repeats.close", {"samples": 3, "interval_s": 0.002}, "us06.csv", row=12)
-    >>> close.code, close.values["interval_s"], close.severity
-    ('repeats.close', 0.002, 'note')
-    >>> print(close)  # doctest: +ELLIPSIS
-    us06.csv: row 12: 3 samples within 2 ms of the one before, ...
+    >>> sides = Notice("repeats.both-sides", {"changes": 3}, "us06.csv", row=12)
+    >>> sides.code, sides.values["changes"], sides.severity
+    ('repeats.both-sides', 3, 'note')
+    >>> print(sides)  # doctest: +ELLIPSIS
+    us06.csv: row 12: 3 changes of step with both sides on one time stamp: ...
     """
 
     code: str

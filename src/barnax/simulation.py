@@ -143,7 +143,7 @@ def _doubts(
     if degc is not None and is_followed and given_degc is not None:
         told = {"column_degc": float(np.nanmedian(degc)), "given_degc": given_degc}
         if abs(told["column_degc"] - given_degc) > SAME_DEGC:
-            yield Notice("simulation.temperatures", told, NAME)
+            yield Notice("simulation.temperature", told, NAME)
 
 
 def simulate_current(

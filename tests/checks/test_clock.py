@@ -71,4 +71,4 @@ def test_one_stamp_of_three_values_is_mended_with_a_warning_that_names_it(tmp_pa
     assert found(outcome, "repeats").row == 103
     record = read_record(tmp_path / "cell.csv")
     assert record.samples == inputs.height - 2
-    assert "repeats.merged-others" in {each.code for each in record.warnings}
+    assert "repeats.differ" in {each.code for each in record.warnings}

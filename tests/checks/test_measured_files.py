@@ -19,8 +19,6 @@ DRIVES = [
 ]
 
 
-# How many samples follow the one before within 0.05 s, by that README.
-CLOSE = dict(zip(DRIVES, (24, 13, 26, 23, 14, 10, 11, 17), strict=True))
 LOW_CURRENT = f"{CALCE}/ocv-low-current_25degC_SP20-1.parquet"
 INCREMENTAL = f"{CALCE}/ocv-incremental_25degC_SP20-3.parquet"
 PART3 = f"{CALCE}/ocv-incremental-part3_25degC_SP20-1.parquet"
@@ -75,11 +73,6 @@ def test_every_finding_and_role_is_worded_as_it_was_written_down(checks):
             verdict = "yes" if role.is_usable else "no"
             lines.append(f"  {role.name}: {verdict}, {role.reason}{options}")
     require_golden(Path(__file__).with_name("measured.txt"), "\n".join(lines) + "\n")
-
-
-def test_samples_hard_upon_another_are_counted(checks):
-    for file, count in CLOSE.items():
-        assert f"{count} samples within" in found(checks[file], "repeats").what
 
 
 def test_a_calce_drive_test_is_cut_to_its_profile(checks):

@@ -238,7 +238,7 @@ def test_a_log_that_was_cut_is_named_whole_and_without_other_files(bundled_cell,
     assert told.value.notice.values == {"others": "one, two", "files": "one, two, three"}
     with pytest.raises(InputError) as told:
         make_problem([log[0], log[2], *others], bundled_cell)
-    assert told.value.code == "start.under-load"
+    assert told.value.code == "start.unrested"
 
 
 @pytest.mark.parametrize("has_all_dates", [True, False])
@@ -258,7 +258,7 @@ def test_a_log_with_dates_is_known_by_them_for_each_clock_starts_at_zero(
     log = [part("one", 0, 60, has_all_dates), part("two", 60, 200)]
     with pytest.raises(InputError) as told:
         make_problem([*log[::-1], part("later", 250, 300)], bundled_cell)
-    code = "start.goes-on" if has_all_dates else "start.under-load"
+    code = "start.goes-on" if has_all_dates else "start.unrested"
     assert (told.value.notice.subject, told.value.code) == ("two", code)
 
 

@@ -139,7 +139,7 @@ def test_dates_beside_a_clock_name_its_unit(symbol, words, factor):
     }
     record = record_from_frame(table)
     np.testing.assert_allclose(record.time_s, time)
-    (warning,) = [one for one in record.warnings if one.code == "time-unit.taken"]
+    (warning,) = [one for one in record.warnings if one.code == "time-unit.reading"]
     assert f"is taken in {words}" in str(warning)
     assert f"intervals by 'Date Time' are {factor:g} times as long" in str(warning)
     table["Time / s"] = table.pop("Time")

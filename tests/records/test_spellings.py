@@ -142,7 +142,7 @@ def test_a_date_and_a_time_of_day_in_two_columns_are_one_clock(tmp_path, day):
     for header in ("Date,Time", "Date,Time of Day"):
         record = read(tmp_path, in_two_columns(time_s, date(day), date(PAUSED[day]), header))
         np.testing.assert_array_equal(np.diff(record.time_s), np.diff(time_s))
-        assert "columns.time-of-day" in {each.code for each in record.notes}
+        assert "time of day" in {each.values.get("clock") for each in record.notes}
         began = BEGIN.replace(tzinfo=datetime.UTC).timestamp() + time_s[0]
         assert record.time_s[0] + record.zero_date_s == began
 

@@ -247,8 +247,8 @@ def _test_warnings(
         # A table of one voltage has no direction.
         yield Notice("ocv-test.no-hysteresis", {"direction": WORD.get(*points)}, source)
     elif len({sweep.kind for sweep in sweeps.values()}) == 2:
-        yield Notice("ocv-test.mixed", subject=source)
+        yield Notice("ocv-test.under-load", subject=source)
     slow = [sweep for sweep in sweeps.values() if sweep.kind == "slow"]
     fastest = min(slow, key=lambda sweep: sweep.hours, default=None)
     if fastest and fastest.hours < SLOW_HOURS:
-        yield Notice("ocv-test.fast", {"hours": fastest.hours}, fastest.source)
+        yield Notice("ocv-test.under-load", {"hours": fastest.hours}, fastest.source)

@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from jaxtyping import Float
@@ -140,7 +140,7 @@ def curve_warnings(curve: AbstractCurve, branch: str | None) -> list[Notice]:
     is the fit, not the cell.
     """
     fit = "polynomial" if isinstance(curve, PolynomialCurve) else "interpolated"
-    own, found = {"branch": branch, "fit": fit}, []
+    faults: list[dict[str, Any]] = []
     inside = np.linspace(curve.soc[:-1], curve.soc[1:], CHECKS_PER_GAP, endpoint=False, axis=1)
     grid = np.append(inside, curve.soc[-1])
     voltage_v = curve(grid)
@@ -149,7 +149,7 @@ def curve_warnings(curve: AbstractCurve, branch: str | None) -> list[Notice]:
     if fall_v[worst] > FALL_TOLERANCE_V:
         top = int(np.argmax(voltage_v[:worst]))
         at = {"from_soc": grid[top], "to_soc": grid[worst]}
-        found.append(Notice("ocv-curve.falls", {"fall_v": fall_v[worst], **at, **own}))
+        faults.append({"fault": "falls", "fault_v": fall_v[worst], **at})
     left_v, right_v = curve.voltage_v[:-1], curve.voltage_v[1:]
     margin_v = np.abs(right_v - left_v) + OVERSHOOT_TOLERANCE_V
     between_v = voltage_v[:-1].reshape(len(left_v), CHECKS_PER_GAP)
@@ -159,13 +159,14 @@ def curve_warnings(curve: AbstractCurve, branch: str | None) -> list[Notice]:
     gap = int(np.argmax(beyond_v - margin_v))
     if beyond_v[gap] > margin_v[gap]:
         at = {"from_soc": curve.soc[gap], "to_soc": curve.soc[gap + 1]}
-        found.append(Notice("ocv-curve.overshoots", {"beyond_v": beyond_v[gap], **at, **own}))
+        faults.append({"fault": "overshoots", "fault_v": beyond_v[gap], **at})
     errors_v = np.abs(curve.errors_v)
     missed = int(np.argmax(errors_v))
     if errors_v[missed] > MISS_TOLERANCE_V:
-        at = {"missed_v": errors_v[missed], "soc": curve.soc[missed]}
-        found.append(Notice("ocv-curve.misses", {**at, **own}))
-    return found
+        at = {"from_soc": curve.soc[missed]}
+        faults.append({"fault": "misses", "fault_v": errors_v[missed], **at})
+    of_curve = {"branch": branch, "fit": fit}
+    return [Notice("ocv-curve.fit", {**of_curve, **fault}) for fault in faults]
 
 
 KNOTS = np.array([0.0, 0.1, 0.35, 0.75, 0.95, 1.0])

@@ -331,11 +331,12 @@ def read_ocv_table(source: str | Path | Source) -> OcvTable:
         **{name: of_one_cell(voltage_v, source.series) for name, voltage_v in voltages.items()}
     )
     assumed = [column.header for column in columns.values() if column.is_unit_assumed]
-    warnings = [Notice("ocv-table.volts", {"column": name}, source.name) for name in assumed]
+    taken = [{"column": name, "unit": "V"} for name in assumed]
     scale = 1.0
     if np.nanmax(lines.values["SOC"], initial=0.0) > _PERCENT_FROM:
         scale = 0.01
-        warnings.append(Notice("ocv-table.percent", {"column": columns["SOC"].header}, source.name))
+        taken.append({"column": columns["SOC"].header, "unit": "percent"})
+    warnings = [Notice("ocv-table.assumed", values, source.name) for values in taken]
     branches = {_DIRECTIONS[name]: _branch(source.name, lines, name, scale) for name in voltages}
     return OcvTable(source.name, branches, source.sha256, tuple(warnings))
 
@@ -348,17 +349,15 @@ def _branch(file: str, lines: Lines, name: str, scale: float) -> tuple[OcvPoint,
         if lines.cell(name, line) is None:
             continue
         point = OcvPoint(float(soc[line]), float(voltage_v[line]), file, int(lines.row[line]), 0.0)
-        code = ""
-        if not _SOC_RANGE[0] <= point.soc <= _SOC_RANGE[1]:
-            code = "ocv-table.no-soc"
-        elif not CELL_RANGE_V[0] <= point.voltage_v <= CELL_RANGE_V[1]:
-            code = "ocv-table.no-voltage"
-        elif points and point.soc == points[-1].soc:
-            code = "ocv-table.twice"
-        if code:
+        is_wrong = {
+            "soc": not _SOC_RANGE[0] <= point.soc <= _SOC_RANGE[1],
+            "voltage": not CELL_RANGE_V[0] <= point.voltage_v <= CELL_RANGE_V[1],
+            "twice": bool(points) and point.soc == points[-1].soc,
+        }
+        for wrong in filter(is_wrong.get, is_wrong):
             soc_cell, cell = (repr(lines.cell(each, line)) for each in ("SOC", name))
-            given = {"soc": point.soc, "soc_cell": soc_cell, "cell": cell}
-            raise found_at(lines, line, code, **given).about(file).error(".")
+            given = {"wrong": wrong, "soc": point.soc, "soc_cell": soc_cell, "cell": cell}
+            raise found_at(lines, line, "ocv-table.point", **given).about(file).error(".")
         points.append(point)
     if len(points) < MINIMUM_POINTS:
         raise InputError(

@@ -268,13 +268,13 @@ class _Beginning:
         about = {"start_row": int(record.row[first])}
         if not is_rested[first]:
             current_a = record.current_a[first]
-            return Notice("start.under-load", {**about, "current_a": current_a}, record.name)
+            return Notice("start.unrested", {**about, "current_a": current_a}, record.name)
         before = self.segments.loaded[self.segments.loaded < first]
         rest_s = record.time_s[first] - record.time_s[before[-1]] if len(before) else 0.0
         # One sample without current, at the beginning of a record, is no rest.
         if (len(before) or (first == 0 and not is_rested[1])) and not is_long(rest_s):
             rests_s = {"rest_s": rest_s, "needed_s": MINIMUM_REST_S}
-            return Notice("start.short-rest", {**about, **rests_s}, record.name)
+            return Notice("start.unrested", {**about, **rests_s}, record.name)
         return None
 
     def relaxing(self, tells_soc: bool) -> Notice:
@@ -282,10 +282,10 @@ class _Beginning:
         record, first = self.record, self.first
         rest_s = float(record.time_s[first] - record.time_s[0])
         is_doubtful = tells_soc and rest_s < MINIMUM_REST_S
-        code = "start.relaxing-briefly" if is_doubtful else "start.relaxing"
         told = {"first_v": record.voltage_v[0], "last_v": record.voltage_v[first]}
         told |= {"start_row": record.row[first], "rest_s": rest_s}
-        return Notice(code, told, record.name)
+        told |= {"rest": "short" if is_doubtful else None}
+        return Notice("start.relaxing", told, record.name)
 
     @property
     def counted_soc(self) -> float:

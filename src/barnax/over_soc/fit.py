@@ -314,18 +314,15 @@ def _warnings(objective: TableObjective, fit: TableFit) -> tuple[Notice, ...]:
     if moved < BOTH_WAYS_SOC and is_fitted and OCV not in objective.names:
         found.append(Notice("tables.one-direction", {"moved_soc": moved}))
     elif moved < BOTH_WAYS_SOC and tables.gamma is not None and RATE not in ranges:
-        found.append(Notice("tables.gamma-held", {"moved_soc": moved, "gamma": HELD_GAMMA}))
+        found.append(Notice("tables.one-direction", {"moved_soc": moved, "gamma": HELD_GAMMA}))
     return tuple(found)
 
 
 def _bound_warning(bound: AtBound, value: float, settings: TableSettings) -> Notice:
     """The notice of a constant that a bound sets."""
-    if not bound.name.startswith("tau"):
-        return Notice("tables.at-bound", {"name": bound.name, "value": value})
-    if bound.side == "lower":
-        return Notice("tables.tau-at-lower-bound", {"name": bound.name, "value_s": value})
+    side = bound.side if bound.name.startswith("tau") else None
     # A capacity only names the axis of an OCV of the records' own.
     is_own = settings.ocv_nodes is not None
     correction = "true" if settings.ocv_correction and not is_own else None
-    told = {"value_s": value, "correction": correction, "check": "own" if is_own else None}
-    return Notice("tables.tau-at-upper-bound", {"name": bound.name, **told})
+    told = {"side": side, "correction": correction, "check": "own" if is_own else None}
+    return Notice("tables.at-bound", {"name": bound.name, "value": value, **told})

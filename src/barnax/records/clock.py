@@ -10,7 +10,6 @@ from ..notices import Notice
 from .cell_values import DAY_S, is_clock, is_local_date, uneven
 from .record import runs
 from .samples import Samples
-from .table import found_at
 
 # More stamps out of line than three, or one in a hundred, are no slips; nor are so many that
 # follow another of the same stamp.
@@ -19,7 +18,8 @@ _SLIPS, _FEW = 3, 0.01
 _MOSTLY, _EVEN = 0.5, 0.1
 # By how much clocks are set back, and how late the next stamp may come: so many intervals, or as
 # late as any does, up to a share of that.
-_SET_BACK = (3600.0, "clock.hour-back"), (DAY_S / 2, "clock.twelve-hours")
+_HOUR_S = 3600.0
+_SET_BACK = {_HOUR_S: "hour-back", DAY_S / 2: "twelve-back"}
 _LATE, _LATEST_SHARE = 3, 0.1
 # Stamps that come back by so much of a fall within a few rows are out of line: no clock was set.
 _BACK_AT_ONCE = 0.9
@@ -58,11 +58,12 @@ def examine_clock(samples: Samples) -> Samples:
     given = {"before_s": time[at - 1], "after_s": time[at], "times": len(falls), "files": files}
     fall_s = time[falls] - time[falls + 1]
     is_midnight = bool(np.all(np.abs(fall_s - DAY_S) < 0.01 * DAY_S))
-    if not is_midnight and _is_shuffled(time, len(falls)):
-        samples = samples.telling(at, "clock.shuffled", **given)
+    is_shuffled = not is_midnight and _is_shuffled(time, len(falls))
+    cause = "midnight" if is_midnight else "shuffled" if is_shuffled else "restart"
+    given |= {"cause": cause, "column": samples.header("time")}
+    samples = samples.telling(at, "clock.falls", **given)
+    if is_shuffled:
         return samples.keep(np.argsort(time, kind="stable"))
-    code = "clock.midnight" if is_midnight else "clock.restart"
-    samples = samples.telling(at, code, **given, column=samples.header("time"))
     return samples.having(time=_running_on(time))
 
 
@@ -122,17 +123,13 @@ def _set_back(samples: Samples) -> Samples:
         leap_s = samples.intervals_s[fall + 1 : fall + 2 + _SLIPS].max(initial=0)
         if leap_s > max(late_s, -_BACK_AT_ONCE * samples.intervals_s[fall]):
             return samples
-    for period_s, code in _SET_BACK:
+    for period_s, change in _SET_BACK.items():
         late_s = max(_LATE * samples.interval_s, min(latest_s, _LATEST_SHARE * period_s))
         if np.all((back_s <= period_s) & (period_s <= back_s + late_s)):
             fall = int(np.argmax(falls))
             is_dated &= latest_s < 2 * period_s - late_s
-            taken = {"taken": "true" if is_dated else None, "column": samples.header("time")}
-            before_s, after_s = time[fall : fall + 2]
-            found = found_at(samples, fall + 1, code, before_s=before_s, after_s=after_s, **taken)
             mended = time + period_s * np.append(0, np.cumsum(falls))
-            found = found.rated("warning" if is_dated else "error")
-            return samples.noting(found).having(time=mended)
+            return _told_set(samples, fall, change, bool(is_dated)).having(time=mended)
     return samples
 
 
@@ -143,7 +140,7 @@ def _set_forward(samples: Samples) -> Samples:
     is_local = is_local_date(samples.table.columns[time.index], time)
     if samples.zero_date_s is None or len(samples) < _SLIPS or not is_local:
         return samples
-    (hour_s, _), interval_s = _SET_BACK[0], samples.interval_s
+    hour_s, interval_s = _HOUR_S, samples.interval_s
     over_s = samples.intervals_s - hour_s
     # The stamp may come as late as any does, up to a share of the hour.
     latest_s = min(np.max(over_s[over_s < 0], initial=-hour_s) + hour_s, _LATEST_SHARE * hour_s)
@@ -168,9 +165,15 @@ def _set_forward(samples: Samples) -> Samples:
     goes_on &= abs(over_s[at] - interval_s) <= _EXACT * interval_s
     if not (is_spring or goes_on):
         return samples
-    given = {"before_s": before_s, "after_s": after_s, "column": samples.header("time")}
     mended = samples.time_s - hour_s * (np.arange(len(samples)) > at)
-    return samples.telling(at + 1, "clock.hour-on", **given).having(time=mended)
+    return _told_set(samples, at, "hour-on", is_taken=True).having(time=mended)
+
+
+def _told_set(samples: Samples, at: int, change: str, is_taken: bool) -> Samples:
+    """The samples, told that the clock was set after one of them."""
+    given = {"change": change, "taken": "true" if is_taken else None}
+    given |= {"before_s": samples.time_s[at], "after_s": samples.time_s[at + 1]}
+    return samples.telling(at + 1, "clock.set", **given, column=samples.header("time"))
 
 
 def _by_counter(samples: Samples) -> Samples:
@@ -190,10 +193,12 @@ def _by_counter(samples: Samples) -> Samples:
         if np.sum(np.diff(samples.time_s[order]) < 0) <= _FEW * falls:
             name = samples.table.header.names[index]
             return samples.keep(order).noting(
-                Notice("clock.sorted", {"places": falls, "column": name})
+                Notice("clock.ordered", {"by": "count", "places": falls, "column": name})
             )
     if falls > _SLIPS and falls >= (1 - _FEW) * len(samples.intervals_s):
-        return samples.keep(np.arange(len(samples))[::-1]).noting(Notice("clock.turned"))
+        return samples.keep(np.arange(len(samples))[::-1]).noting(
+            Notice("clock.ordered", {"by": "reversal"})
+        )
     return samples
 
 
@@ -219,8 +224,8 @@ def _without_jitter(samples: Samples) -> Samples:
     behind = time[falls] + np.minimum(_APART_SHARE * room_s, _APART_S)
     mended = time.copy()
     mended[falls + 1] = np.maximum(after - usual_s, behind)
-    given = {"fall_s": fall_s.max(), "places": len(falls)}
-    return samples.telling(int(falls[0]) + 1, "clock.jitter", **given).having(time=mended)
+    given = {"by": "time", "fall_s": fall_s.max(), "places": len(falls)}
+    return samples.telling(int(falls[0]) + 1, "clock.ordered", **given).having(time=mended)
 
 
 # The least share of a clock's falls that lie where the step changes, and how low they go.
@@ -299,8 +304,6 @@ def _running_on(time: Clock) -> Clock:
 _SAME_VOLTAGE_V, _SAME_CURRENT_SHARE = 2e-3, 0.02
 # Past this share of stamps with two different values the clock is printed with too few digits.
 _COARSE = 0.05
-# Both sides of a change of step are logged within some milliseconds.
-_CLOSE_S, _CLOSE_SHARE = 0.05, 0.1
 
 
 # How far apart the two sides of a change of step are put that share a time stamp: less than testers
@@ -340,7 +343,7 @@ def examine_repeats(samples: Samples) -> Samples:
     # Interval by interval: of the stamp before, and alike wholly, within the resolution, or not.
     is_repeat = samples.intervals_s == 0
     if not is_repeat.any():
-        return _with_close(samples)
+        return samples
     step_a, step_v = samples.step_a, samples.step_v
     is_exact = is_repeat & (step_a == 0) & (step_v == 0)
     is_alike = np.abs(step_a) <= _SAME_CURRENT_SHARE * samples.peak_a * (1 + 1e-9)
@@ -361,15 +364,15 @@ def examine_repeats(samples: Samples) -> Samples:
     }
     if in_a_row.sum() > max(_SLIPS, _FEW * len(samples)) or np.mean(is_other) > _COARSE:
         mean = len(samples) / len(np.unique(samples.time_s))
-        told = samples.telling(at, "repeats.coarse-clock", **given, rows_a_stamp=mean)
+        told = samples.telling(at, "repeats.differ", **given, rows_a_stamp=mean)
         return told.having(time=_spread(samples.time_s))
     for is_merged, alike in ((is_exact, "exact"), (is_near, "near")):
         if is_merged.any():
             first, rows = int(np.argmax(is_merged)) + 1, is_merged.sum()
             samples = samples.telling(first, "repeats.merged", rows=rows, alike=alike)
     if others:
-        samples = samples.telling(at, "repeats.merged-others", **given)
-    return _with_close(merge_repeats(samples))
+        samples = samples.telling(at, "repeats.differ", **given)
+    return merge_repeats(samples)
 
 
 def _spread(time_s: Clock) -> Clock:
@@ -379,13 +382,3 @@ def _spread(time_s: Clock) -> Clock:
     last = float(np.median(gaps)) if len(gaps) else 1.0
     within = np.arange(len(time_s)) - (np.cumsum(times) - times)[place]
     return time_s + np.append(gaps, last)[place] * within / times[place]
-
-
-def _with_close(samples: Samples) -> Samples:
-    """The samples, noting those hard upon the one before, which testers log where a step ends."""
-    interval_s = samples.intervals_s
-    is_close = interval_s < min(_CLOSE_S, _CLOSE_SHARE * samples.interval_s)
-    if not is_close.any():
-        return samples
-    given = {"samples": is_close.sum(), "interval_s": interval_s[is_close].max()}
-    return samples.telling(int(np.argmax(is_close)) + 1, "repeats.close", **given)

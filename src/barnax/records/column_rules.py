@@ -89,15 +89,16 @@ def examine_columns(table: Table, file: str) -> tuple[dict[str, Column], list[No
 
 def _missing_columns(table: Table, missing: Sequence[_Missing], is_nameless: bool) -> Notice:
     """The error of required quantities without a column."""
-    code, values = _missing_one(missing[0]) if len(missing) == 1 else _missing_several(missing)
+    code = "columns.missing"
+    values = _missing_one(missing[0]) if len(missing) == 1 else _missing_several(missing)
     is_silent = all(one.quantity.name != "voltage" for one in missing)
     cells = [] if is_silent else next(map(list, table.cell_voltages), [])
     # Two may be one cell's, measured twice.
     if len(cells) > FEWEST_CELLS:
         code, values = "columns.pack", {"cells": _quoted(cells), "first": cells[0]}
     if is_nameless:
+        code, values["case"] = "columns.missing", "no-names"
         values["examples"] = ", ".join(_examples(one.quantity) for one in missing)
-        code = "columns.no-names"
     all_missing = {
         "quantities": ", ".join(one.quantity.name for one in missing),
         "columns": _quoted(table.header.names),
@@ -138,13 +139,13 @@ def _not_there(header: Header, row: int, file: str) -> Iterator[Notice]:
         quantity, (column, _, unit) = QUANTITY_OF[name], wanted.rpartition(":")
         taken = header.columns.get(name)
         is_missing = name in NEEDED and taken is None
-        code, values = "columns.not-there", {"wanted": wanted, "columns": _quoted(header.names)}
+        values = {"wanted": wanted, "columns": _quoted(header.names)}
         if column and header.named(quantity, column):
-            code = "columns.unknown-unit"
-            values = {"unit": unit, "column": column, "known": _symbols(quantity)}
+            values = {"unit": unit, "column": column, "symbols": _symbols(quantity)}
         needed = "true" if is_missing else None
         values |= {"quantity": name, "taken": taken and taken.header, "needed": needed}
-        yield Notice(code, values, row=row, rating="error" if is_missing else "warning")
+        severity = "error" if is_missing else "warning"
+        yield Notice("columns.not-there", values, row=row, rating=severity)
 
 
 def _settle_clock(table: Table, columns: dict[str, Column]) -> Iterator[Notice]:
@@ -165,8 +166,7 @@ def _settle_clock(table: Table, columns: dict[str, Column]) -> Iterator[Notice]:
         if name != "step time" and (unit := epoch_unit(plain)):
             columns[name] = replace(column, quantity=dates, unit=unit, is_unit_assumed=False)
             if name == "time":
-                shown = {"column": column.header, "dates": unit.symbol}
-                yield Notice("columns.dates", shown)
+                yield Notice("columns.clock", {"clock": unit.symbol, "column": column.header})
     clocks = {name: columns[name] for name in ("date", "step time") if name in columns}
     date = clocks.get("date")
     if "time" not in columns and clocks:
@@ -175,11 +175,11 @@ def _settle_clock(table: Table, columns: dict[str, Column]) -> Iterator[Notice]:
             stands = np.diff(numbers(table.columns[date.index], date)) == 0
             clock = "step time" if np.mean(stands) > _COARSE_DATES else "date"
         columns["time"] = clocks[clock]
-        yield Notice("columns.other-clock", {"clock": clock, "column": columns["time"].header})
+        yield Notice("columns.clock", {"clock": clock, "column": columns["time"].header})
     columns.pop("step time", None)
     if date and _is_time_of_day(table, columns["time"], date):
-        days = {"day": date.header, "time": columns["time"].header}
-        yield Notice("columns.time-of-day", days)
+        days = {"day": date.header, "column": columns["time"].header}
+        yield Notice("columns.clock", {"clock": "time of day", **days})
     else:
         columns.pop("date", None)
 
@@ -222,29 +222,30 @@ def _no_record(header: Header) -> Notice:
     return Notice("columns.none", values)
 
 
-def _missing_one(missing: _Missing) -> tuple[str, dict[str, Any]]:
-    """The notice of one missing quantity: its code and values."""
+def _missing_one(missing: _Missing) -> dict[str, Any]:
+    """The values of the notice of one missing quantity."""
     quantity, likely, guess = missing
     names = f"{_examples(quantity)}, with its unit ({_symbols(quantity)})"
     if guess is not None:
         names = names if guess.quantity is quantity else f"'{guess.quantity.examples[-1]}'"
-        values = {"likely": guess.header, "option": missing.option, "names": names}
-        return "columns.missing-likely", values
+        likely_one = {"likely": guess.header, "option": missing.option, "names": names}
+        return {"case": "likely", **likely_one}
     is_out = ["discharge" in column.header.lower() for column in likely]
     is_pair = quantity.name == "current" and len(likely) == 2 and any(is_out) and not all(is_out)
-    quoted = _quoted([column.header for column in likely]) if likely else None
-    values = {"likely": quoted, "pair": "true" if is_pair else None, "names": names}
-    return "columns.missing-ambiguous" if likely else "columns.missing", values
+    if not likely:
+        return {"names": names}
+    case = "pair" if is_pair else "several-likely"
+    return {"case": case, "likely": _quoted([one.header for one in likely]), "names": names}
 
 
-def _missing_several(missing: Sequence[_Missing]) -> tuple[str, dict[str, Any]]:
-    """The notice of several missing quantities, with the one option that names them all."""
+def _missing_several(missing: Sequence[_Missing]) -> dict[str, Any]:
+    """The values of the notice of several, with the one option that names them all."""
     guesses = ((quantity.name, guess) for quantity, _, guess in missing)
     likely = [f"'{guess.header}' is likely the {name}" for name, guess in guesses if guess]
     option = ",".join(one.option for one in missing)
     names = ", ".join(f"'{one.quantity.examples[0]}'" for one in missing)
-    values = {"likely": "; ".join(likely) or None, "option": option, "names": names}
-    return "columns.missing-several", values
+    also = "".join(f"; {text}" for text in likely)
+    return {"case": "several", "likely": also, "option": option, "names": names}
 
 
 def _examples(quantity: Quantity) -> str:
@@ -266,11 +267,8 @@ def _headers(found: Columns) -> set[str]:
 
 def _repeated_names(header: Header, row: int, columns: Columns) -> Iterator[Notice]:
     for name, times in Counter(header.names).items():
-        values = {"columns": times, "name": name}
-        if not name:
-            yield Notice("columns.nameless", {"columns": times}, row=row)
-        elif times > 1 and name in _headers(columns):
-            values |= {"others": "several" if times > 2 else None}
-            yield Notice("columns.first-taken", values, row=row)
-        elif times > 1:
-            yield Notice("columns.repeated", values, row=row)
+        if times > 1 or not name:
+            others = "others" if times > 2 else "other"
+            others = others if name and name in _headers(columns) else None
+            told = {"columns": times, "name": name or None, "others": others}
+            yield Notice("columns.repeated", told, row=row)

@@ -102,8 +102,6 @@ class Samples(Lines):
     @cached_property
     def too_short(self) -> Notice | None:
         """An error where there are too few samples, or too little time."""
-        if not len(self):
-            return Notice("length.empty")
         if len(self) < _FEWEST_SAMPLES:
             return Notice("length.short", {"samples": len(self), "needed": _FEWEST_SAMPLES})
         span_s = np.ptp(self.time_s)

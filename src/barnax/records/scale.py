@@ -42,7 +42,7 @@ def examine_scale(samples: Samples, capacity_ah: float | None = None) -> Samples
         if not best:
             break
         samples = _settled(samples, best)
-        if samples.findings[-1].code.endswith((".doubtful", ".open")):
+        if samples.findings[-1].values["case"] in ("doubtful", "open", "asked"):
             asked = best[0].quantity
             break
     witnesses = witnesses_of(samples, capacity_ah)
@@ -123,19 +123,16 @@ def _readings(samples: Samples) -> Iterator[Reading]:
         yield Reading(CHARGE, names, unit, unit.factor, unit.words)
 
 
-_CODES = (
-    *("time-unit.open", "time-unit.doubtful", "time-unit.wrong", "time-unit.taken"),
-    *("current-unit.open", "current-unit.doubtful", "current-unit.wrong", "charge-unit.taken"),
-)
+_CODES = {"time": "time-unit.reading", "current": "current-unit.reading"}
 # What asks for the unit of a column, or takes one.
-_UNITS_ASKED = (*_CODES[:-1], "voltage-unit.milli")
+_UNITS_ASKED = (*_CODES.values(), "voltage-unit.milli")
 
 
 def _settled(samples: Samples, best: list[Reading]) -> Samples:
     """The samples in the unit that is told, and the notice of it."""
     reading, kind = best[0], best[0].quantity
     column = samples.columns[reading.names[0]]
-    code = {code.partition(".")[2]: code for code in _CODES if code.startswith(kind)}
+    code = _CODES.get(kind, "charge-unit.reading")
     is_free = column.is_unit_assumed and kind != "current"
     symbol = reading.unit.symbol if reading.unit else ""
     told = {
@@ -153,19 +150,18 @@ def _settled(samples: Samples, best: list[Reading]) -> Samples:
     if len(best) > 1 or (reading.weight < CERTAIN and is_free and kind == "time"):
         as_it_is = Reading(kind, reading.names, column.unit, 1.0)
         told["choices"] = " or ".join(_choices(samples, (as_it_is, *best)))
-        found = found_at(samples, at, code["open"], **told)
-        return samples.noting(found.rated("error" if is_free else "warning"))
+        return samples.telling(at, code, **told, case="asked" if is_free else "open")
     # Where nothing but the counters is in another unit, the current tells which.
     if reading.weight < CERTAIN and kind != CHARGE:
-        return samples.telling(at, code["doubtful"], **told)
+        return samples.telling(at, code, **told, case="doubtful")
     mended = samples.having(**{n: samples.values[n] * reading.factor for n in reading.names})
     if reading.unit is None or (kind != CHARGE and not is_free):
-        return mended.telling(at, code["wrong"], **told)
+        return mended.telling(at, code, **told, case="wrong")
     columns = dict(samples.columns)
     for name in reading.names:
         columns[name] = replace(columns[name], unit=reading.unit, is_unit_assumed=False)
     mended = replace(mended, columns=columns)
-    return mended.telling(at, code["taken"], **told)
+    return mended.telling(at, code, **told, case="taken")
 
 
 def _choices(samples: Samples, readings: Sequence[Reading]) -> Iterator[str]:
@@ -208,8 +204,8 @@ def examine_voltage_unit(samples: Samples) -> Samples:
         samples = mended("voltage-unit.exchanged", 1.0, current=samples.header("current"), **held)
         return samples.having(current=voltage_v, voltage=current_a)
     if middle_v < 0:
-        code = "voltage-unit.swapped" if is_swapped else "voltage-unit.negative"
-        samples = mended(code, -1.0 if is_swapped else 1.0)
+        leads = "swapped" if is_swapped else None
+        samples = mended("voltage-unit.negative", -1.0 if is_swapped else 1.0, leads=leads)
         middle_v = abs(middle_v)
     is_given = samples.columns["voltage"].is_unit_given
     if middle_v > _MILLIVOLT_V and not is_given:
@@ -289,11 +285,11 @@ def examine_voltage_range(samples: Samples) -> Samples:
         return samples.telling(at, "voltage-unit.half-cell", column=name, least_v=least_v)
     severity: Severity = "error" if impossible.any() else "warning"
     given = {"voltage_v": voltage_v[first], "column": name, "samples": outside.sum()}
-    limits = {"low_v": low_v, "high_v": high_v}
-    code = "voltage-unit.no-cell" if outside.mean() > 0.5 else "voltage-unit.outside"
-    samples = samples.noting(found_at(samples, first, code, **given, **limits).rated(severity))
+    is_most = outside.mean() > 0.5
+    given |= {"low_v": low_v, "high_v": high_v, "most": "true" if is_most else None}
+    told = found_at(samples, first, "voltage-unit.outside", **given).rated(severity)
     # If nearly all is outside, the rest shows nothing either.
-    return samples if outside.mean() > 0.5 else samples.keep(~outside)
+    return samples.noting(told) if is_most else samples.noting(told).keep(~outside)
 
 
 def ask_once(findings: Sequence[Notice], columns: Mapping[str, Column]) -> list[Notice]:

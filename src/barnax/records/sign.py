@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..errors import counted
-from ..notices import Notice
+from ..notices import Notice, raise_first_error
 from ..settings import AutoSign
 from .counters import cosine
 from .dialects import CHARGE, DISCHARGE, Sign
@@ -54,11 +54,10 @@ def decide_sign(samples: Samples, given: AutoSign, file: str) -> tuple[Decision,
         return Decision(given, "given", "given by the user; the data do not show it"), []
     if found.value == given:
         return Decision(given, "given", f"given by the user, and {found.reason}"), []
-    told = {"given": given, "found": found.value, "reason": found.reason}
-    if found.strength == "strong":
-        raise Notice("sign.against-data", told, file).error(".")
-    decision = Decision(given, "given", f"given by the user, although {found.reason}")
-    return decision, [Notice("sign.against-weak", told)]
+    told = {"found": found.value, "strength": found.strength, "reason": found.reason}
+    against = Notice("sign.against-data", {"given": given, **told})
+    raise_first_error([against], file)
+    return Decision(given, "given", f"given by the user, although {found.reason}"), [against]
 
 
 def _from_data(samples: Samples) -> Decision | None:

@@ -177,7 +177,7 @@ def find_file(name: str, sha256: str, folders: Sequence[Path]) -> Path:
     for place in places:
         if not sha256 or sha256 == hashlib.sha256(_read_content(place)).hexdigest():
             return place
-    raise Notice("file.changed", subject=str(places[0])).error()
+    raise Notice("file.not-found", subject=str(places[0])).error()
 
 
 def find_planned(
@@ -193,11 +193,11 @@ def find_planned(
         if digest == sha256:
             return path, ()
     if named:
-        changed = Notice("plan.file-changed", subject=str(file))
+        changed = Notice("plan.other-file", subject=str(file))
         return named[0], (changed,) if any(digests.values()) else ()
     if around and not sha256:
         taken = printable(str(around[0].absolute()))
-        return around[0], (Notice("plan.file-elsewhere", {"path": taken}, str(file)),)
+        return around[0], (Notice("plan.other-file", {"path": taken}, str(file)),)
     return file, ()
 
 
@@ -263,19 +263,19 @@ def _clean(table: Table, given: Mapping[str, str]) -> Table:
 
 def _read_content(path: Path) -> bytes:
     """A file's bytes. Raises InputError where it is not there, too large, or cannot be read."""
-    shown = str(path)
     try:
         with sys.stdin.buffer if path == STDIN else path.open("rb") as file:
             size = os.fstat(file.fileno()).st_size
             # A pipe or a device has no size, and the latter no end.
             content = b"" if size > LARGEST_FILE else file.read(size or LARGEST_FILE + 1)
+        if max(size, len(content)) <= LARGEST_FILE:
+            return content
+        reason = "large"
     except IsADirectoryError:
-        raise Notice("file.folder", subject=shown).error(".") from None
+        reason = "folder"
     except FileNotFoundError:
-        raise Notice("file.missing", subject=shown).error(".") from None
+        reason = "missing"
     except (OSError, ValueError) as error:
         reason = str(getattr(error, "strerror", None) or error)
-        raise Notice("file.unreadable", {"reason": reason}, shown).error(".") from error
-    if max(size, len(content)) > LARGEST_FILE:
-        raise Notice("file.too-large", {"limit_gb": LARGEST_FILE / 1e9}, shown).error(".")
-    return content
+    told = {"reason": reason, "limit_gb": LARGEST_FILE / 1e9}
+    raise Notice("file.unreadable", told, str(path)).error(".")

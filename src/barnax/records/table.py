@@ -310,8 +310,8 @@ def examine_cells(lines: Lines) -> Lines:
         # A clock of dates or of steps may have to tell the time.
         if name not in NEEDED:
             is_coded = name == "state" and not isinstance(cell, str)
-            code = "cells.state-codes" if is_coded else "cells.left-out"
-            lines = lines.without(name).telling(first, code, **given)
+            given["reason"] = "codes" if is_coded else "cells"
+            lines = lines.without(name).telling(first, "cells.left-out", **given)
             continue
         unit = column.unit.symbol if bad.sum() == is_good.sum() else None
         lines = lines.telling(first, "cells.no-number", **given, unit=unit)
@@ -324,8 +324,8 @@ def examine_cells(lines: Lines) -> Lines:
         is_small = values.min() > -_LARGEST_WHOLE and values.max() < _LARGEST_WHOLE
         if is_small and np.array_equal(values, values.astype(np.int32)):
             continue
-        told = Notice("cells.not-whole", {"column": lines.header(name)})
-        lines = lines.without(name).noting(told)
+        told = {"reason": "fractions", "column": lines.header(name)}
+        lines = lines.without(name).noting(Notice("cells.left-out", told))
     state = lines.values.get("state", np.zeros(0))
     if np.any(is_other := state == OTHER_STATE) and not np.any(np.abs(state) == 1):
         word = str(lines.cell("state", int(is_other.argmax())))

@@ -93,8 +93,8 @@ def _voltages(samples: Samples, own: Channel, other: Channel, name: str) -> Iter
     left_v = apart_v - apart_v.mean() - slope * current_a
     both = {"own": samples.header("voltage"), "other": name, "quantity": "voltage"}
     if swing_v > _SWING_V and left_v.var() < (1 - _BY_LEADS) * apart_v.var():
-        drop = {"leads_ohm": abs(slope), "apart_v": swing_v}
-        yield found_at(samples, at, "twin-columns.leads", **both, **drop)
+        drop = {"by": "leads", "leads_ohm": abs(slope), "apart_v": swing_v}
+        yield found_at(samples, at, "twin-columns.differ", **both, **drop)
         return
     usual_v = float(np.median(np.abs(apart_v)))
     if usual_v <= _SAME_V:
@@ -102,7 +102,7 @@ def _voltages(samples: Samples, own: Channel, other: Channel, name: str) -> Iter
     if samples.dialect.name in _ANYBODYS and "voltage" in Header((name,)).find(QUANTITIES):
         yield found_at(samples, at, "twin-columns.undecided", **both, apart_v=usual_v)
     elif usual_v < _OTHER_V and cosine(own - own.mean(), other - other.mean()) > _ALIKE:
-        yield found_at(samples, at, "twin-columns.voltage", **both, apart_v=usual_v)
+        yield found_at(samples, at, "twin-columns.differ", **both, by="volts", apart_v=usual_v)
 
 
 def _currents(samples: Samples, own: Channel, other: Channel, name: str) -> Iterator[Notice]:
@@ -111,4 +111,4 @@ def _currents(samples: Samples, own: Channel, other: Channel, name: str) -> Iter
     if abs(cosine(own, other)) > _PROPORTIONAL and abs(ratio - 1) > _EQUAL:
         both = {"own": samples.header("current"), "other": name, "quantity": "current"}
         at = int(np.argmax(np.abs(own)))
-        yield found_at(samples, at, "twin-columns.current", **both, ratio=ratio)
+        yield found_at(samples, at, "twin-columns.differ", **both, by="factor", ratio=ratio)

@@ -154,7 +154,7 @@ def _read_neware(content: bytes, _: Mapping[str, str]) -> Table:
             f"from row {lost} on; copy it again from the tester's computer."
         )
     is_damaged = any(record.exc_info for record in told)
-    notes = (Notice("columns.damaged-part"),) if is_damaged else ()
+    notes = (Notice("columns.left-out", {"part": "damaged"}),) if is_damaged else ()
     texts = frame.with_columns(pl.col(pl.Categorical).cast(pl.String))
     return Table.of(texts, notes=notes, has_known_units=True)
 

@@ -71,8 +71,9 @@ def _read(content: bytes, given: Mapping[str, str]) -> Table:
     scripts = [path for path in records if _SCRIPTS.fullmatch(path)]
     if len(records) == 1 or (scripts and len(scripts) == len(records)):
         first, *others = sorted(records)
-        unused = Notice("columns.other-structs", {"used": first, "unused": ", ".join(others)})
-        return Table.of(_frame(records[first]), notes=(unused,) if others else ())
+        told = {"part": "structs", "used": first, "unused": ", ".join(others)}
+        notes = (Notice("columns.left-out", told),) if others else ()
+        return Table.of(_frame(records[first]), notes=notes)
     raise InputError(_refusal(structs, [*records]))
 
 

@@ -82,7 +82,8 @@ def _read(content: bytes, given: Mapping[str, str]) -> Table:
     row = np.arange(lead + 1, lead + 1 + len(columns[0]))
     for place, dropped in reversed(breaks):
         row[row >= place] += dropped
-    notes = [Notice("columns.rows-above", {"names_row": layout.above + 1})] if layout.above else []
+    above = {"part": "above", "names_row": layout.above + 1}
+    notes = [Notice("columns.left-out", above)] if layout.above else []
     if breaks:
         again = ", ".join(str(place + dropped) for place, dropped in breaks[:5])
         notes.append(Notice("columns.names-again", {"rows": again}))
@@ -114,7 +115,7 @@ def _within_the_names(table: Table) -> Table:
     where, names = f"row {table.row[wide[0]]}", len(header.names)
     if len(wide) > 0.5 * len(table.row):
         if _fits(named, columns) and not _fits(named, [*columns[1:], beyond]):
-            note = Notice("columns.more-cells", {"names": names})
+            note = Notice("columns.left-out", {"part": "cells", "names": names})
             return replace(table, notes=(*table.notes, note))
         raise InputError(
             f"{where}: the rows have more cells than the {names} names in row {table.names_row}, "
@@ -296,10 +297,10 @@ def _columns(text: bytes, above: int, header: Sequence[str], delimiter: str) -> 
     return [column.str.strip_chars().replace("", None) for column in columns]
 
 
-def _kept(table: Table, is_left_out: Bool[np.ndarray, "lines"], lines: str) -> Table:
+def _kept(table: Table, is_left_out: Bool[np.ndarray, "lines"], part: str) -> Table:
     """The table without some lines, and a note of them."""
     kept = pl.Series(~is_left_out)
-    note = Notice("columns.lines-between", {"rows": is_left_out.sum(), "lines": lines})
+    note = Notice("columns.left-out", {"part": part, "rows": is_left_out.sum()})
     columns = tuple(column.filter(kept) for column in table.columns)
     notes = (*table.notes, note)
     return replace(table, columns=columns, row=table.row[~is_left_out], notes=notes)

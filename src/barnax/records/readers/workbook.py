@@ -151,12 +151,11 @@ def _joined(bodies: dict[str, pl.DataFrame], names: _Names, ignored: list[str]) 
             return float(numbers(sheet[1].to_series(clock.index).head(1), clock)[0])
 
         filled.sort(key=start)
-    plural = "true" if len(ignored) > 1 else None
-    notes = (
-        [Notice("columns.sheets", {"sheets": listed(ignored), "plural": plural})] if ignored else []
-    )
+    sheets = f"sheet{'s' if len(ignored) > 1 else ''} {listed(ignored)}"
+    notes = [Notice("columns.left-out", {"part": "sheets", "sheets": sheets})] if ignored else []
     if names.above:
-        notes.append(Notice("columns.rows-above", {"names_row": names.above + 1}))
+        above = {"part": "above", "names_row": names.above + 1}
+        notes.append(Notice("columns.left-out", above))
     rows = (np.arange(body.height) + names.body + 1 for _, body in filled)
     parts = ([body.to_series(k) for _, body in filled] for k in range(len(header.names)))
     return Table(

@@ -163,10 +163,10 @@ def curve_warnings(curve: AbstractCurve, branch: str | None) -> list[Notice]:
     errors_v = np.abs(curve.errors_v)
     missed = int(np.argmax(errors_v))
     if errors_v[missed] > MISS_TOLERANCE_V:
-        at = {"from_soc": curve.soc[missed]}
+        at = {"soc": curve.soc[missed]}
         faults.append({"fault": "misses", "fault_v": errors_v[missed], **at})
     of_curve = {"branch": branch, "fit": fit}
-    return [Notice("ocv-curve.fit", {**of_curve, **fault}) for fault in faults]
+    return [Notice("ocv-curve.fit", {**fault, **of_curve}) for fault in faults]
 
 
 KNOTS = np.array([0.0, 0.1, 0.35, 0.75, 0.95, 1.0])

@@ -15,7 +15,8 @@ from barnax.experiment.belief import believed_of
 from barnax.experiment.protocol import sampled
 from barnax.records import read_record
 from barnax.reporting.design import planned_screen
-from barnax.reporting.design_forms import before, procedure, pybamm_script
+from barnax.reporting.design_forms import procedure, pybamm_script
+from barnax.reporting.wording import wording
 from helpers.designs import BLOCKS, quick_design, screen_of
 
 QUICK = {"over": "soc", "model": "so-rc", "seeds": 0, "max_boxes": 0, "folds": 0}
@@ -79,9 +80,10 @@ def test_a_test_stays_where_the_ocv_is_known(believed, result):
     assert design.predicted.soc.max() <= high
     assert {width.soc for width in design.of_table("R0")} == {0.3, 0.4, 0.5, 0.6}
     taken_ah = 2 * (1 - high)
-    assert f"discharge {taken_ah:.4g} Ah at 0.4 A (C/5)" in before(design)
-    assert before(design) in procedure(design)
-    assert before(design) in (ast.get_docstring(ast.parse(pybamm_script(design))) or "")
+    before = wording("design.before", design)
+    assert f"discharge {taken_ah:.4g} Ah at 0.4 A (C/5)" in before
+    assert before in procedure(design)
+    assert before in (ast.get_docstring(ast.parse(pybamm_script(design))) or "")
     voltage_v = true_voltage(result, design, high)
     assert design.limits.low_v < voltage_v.min() < voltage_v.max() < design.limits.high_v
     assert voltage_v.min() == pytest.approx(design.predicted.voltage_v.min(), abs=0.05)
@@ -132,7 +134,7 @@ def test_where_nothing_shows_what_is_full_the_voltage_brings_the_cell_to_its_sta
     true_v = float(result.cell.average_ocv_v(np.array([0.65]))[0])
     assert design.start_v == pytest.approx(true_v, abs=0.02)
     assert not any(step.block == "to empty" for step in design.steps)
-    assert f"to {design.start_v:.3f} V, hold until 0.018" in before(design)
+    assert f"to {design.start_v:.3f} V, hold until 0.018" in wording("design.before", design)
     voltage_v = true_voltage(result, design, 0.65)
     assert design.limits.low_v < voltage_v.min() < voltage_v.max() < design.limits.high_v
     assert voltage_v.min() == pytest.approx(design.predicted.voltage_v.min(), abs=0.05)

@@ -1,8 +1,7 @@
 """`barnax compare`: models and methods side by side on one cell; `barnax optimizers`."""
 
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -74,7 +73,9 @@ def compare(options: Comparing) -> None:
         job = barnax.plan.planned(plan, job)
     total = sum(1 if barnax.METHODS[method].is_deterministic else job.seeds for _, method in rows)
     with run.watch("Comparing", total) as advance:
-        comparison, result = barnax.compare_files(job.changed(watch=_row_watch(run, advance)))
+        # Every stage is timed; its seeds advance the one bar that there is.
+        job = job.changed(watch=lambda name, total=0: run.timed(name, advance))
+        comparison, result = barnax.compare_files(job)
     seconds = {row.name: run.seconds[row.name] for row in result.rows}
     figures = reporting.illustrations.comparison_illustrations
     draw = partial(figures, result, comparison, live=options.live)
@@ -96,18 +97,6 @@ def _require_choice(option: str, value: str, choices: Iterable[str]) -> None:
     """Raise `InputError` where an option's value is none of its choices."""
     if value not in choices:
         raise InputError(f"`{option}` {value!r} is not known; there are {', '.join(choices)}")
-
-
-def _row_watch(session: Session, advance: Callable[[int], None]) -> Callable:
-    """Time every stage; its seeds advance the one bar that there is."""
-
-    @contextmanager
-    def watch(name: str, total: int = 0) -> Iterator[Callable[[int], None]]:
-        del total
-        with session.timed(name):
-            yield advance
-
-    return watch
 
 
 def chosen_rows(

@@ -236,24 +236,7 @@ def export(chosen: ExportChoices) -> None:
     session.warn(caveats)
     session.show([f"{exporter.description}: [bold]{shown(path)}[/bold]"])
     if verification is not None:
-        session.show([_verification(verification)])
-
-
-def _verification(check: "barnax.export.Verification") -> str:
-    degc = ", ".join(f"{degc:.3g}" for degc in check.temperatures_degc)
-    at = f" at each of {degc} degC" if degc else ""
-    text = (
-        f"Largest difference from barnax in {check.package} {check.version}, over {check.samples} "
-        f"samples of a pulse test{at}: {check.largest_v:.3g} V (RMS {check.rms_v:.3g} V)"
-    )
-    remainders = {
-        "without the hysteresis voltage": check.without_hysteresis_v,
-        "without the samples at which the current changes sign": check.without_turns_v,
-    }
-    reason, remainder_v = min(remainders.items(), key=lambda item: item[1])
-    if remainder_v < check.largest_v / 2:
-        text += f"; {reason} {remainder_v:.3g} V"
-    return text + "."
+        session.show([verification.text])
 
 
 def bdf_table(record: "Record") -> "pl.DataFrame":

@@ -206,8 +206,12 @@ def soc(on: OnRecord, chosen: FilterOptions, output: Output) -> None:
     with run.watch("Replaying"):
         replay = barnax.replay_soc(stored, record, window, settings, **on.how)
     document_of = partial(reporting.records.replay_document, replay)
-    figure = partial(reporting.illustrations.replay_illustration, replay)
-    draw = partial(drawn_files, lambda: [figure()], document_of, chosen.report, chosen.paper)
+
+    def drawn() -> "list[reporting.document.Picture]":
+        plot = barnax.plots.plot_soc_replay
+        return [reporting.illustrations.illustrate("soc", replay.record, plot, replay)]
+
+    draw = partial(drawn_files, drawn, document_of, chosen.report, chosen.paper)
     run.deliver("soc.json", replay.to_json(), draw)
     run.show_document(reporting.records.soc_screen(replay))
     run.show_written([PAGE, "soc.json", "figures"])

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from importlib import import_module
+from typing import Any
 
 from rich.console import Console, RenderableType
 from rich.markup import escape
@@ -102,11 +103,11 @@ class Session:
             yield progress, progress.add_task(shown(title), total=total or None, remark="")
 
     @contextmanager
-    def timed(self, title: str) -> Iterator[None]:
-        """Time a stage that shows itself in another way."""
+    def timed(self, title: str, advance: Any = None) -> Iterator[Any]:
+        """Time a stage that shows itself in another way; `advance` is what it calls."""
         start = time.perf_counter()
         try:
-            yield
+            yield advance
         finally:
             self.seconds[title] = time.perf_counter() - start
 

@@ -134,9 +134,9 @@ def _rows(tables: Tables, result: Result) -> Iterator[tuple[str, float, str]]:
         yield f"tau{pair}", tau_s, "s"
     yield from _means(result)
     yield "capacity", tables.capacity_ah, "A.h"
-    yield "initial SOC", tables.initial_soc, "1"
-    yield "initial direction", tables.initial_direction, "1"
-    yield "rest current", tables.rest_current_a, "A"
+    yield "initial SOC", result.initial_soc, "1"
+    yield "initial direction", result.start.direction, "1"
+    yield "rest current", result.start_rest_current_a, "A"
     yield from _beside(result)
     yield from _points("OCV", tables.ocv.soc, tables.ocv_v, "V", tables.degc)
     if tables.hysteresis is not None:
@@ -183,11 +183,11 @@ def write_json(result: Result) -> Export:
     tables = tables_of(result)
     content: dict[str, object] = {
         "notes": [tables.heading, *tables.caveats],
-        "circuit": tables.model,
+        "circuit": tables.result.model,
         "capacity [A.h]": tables.capacity_ah,
-        "initial SOC": tables.initial_soc,
-        "initial direction": tables.initial_direction,
-        "rest current [A]": tables.rest_current_a,
+        "initial SOC": tables.result.initial_soc,
+        "initial direction": tables.result.start.direction,
+        "rest current [A]": tables.result.start_rest_current_a,
         "hysteresis": tables.kind,
         "gamma": tables.gamma,
         "tau [s]": tables.tau_s,
@@ -263,7 +263,7 @@ def write_simscape(result: Result) -> Export:
         "V_range": np.array([0.0, np.inf]),
         "AH": tables.capacity_ah,
         "prm_dyn": f"simscape.enum.tablebattery.prm_dyn.rc{tables.pairs}",
-        "stateOfCharge": tables.initial_soc,
+        "stateOfCharge": tables.result.initial_soc,
         "BatteryEquivalentCircuit": equivalent,
         "barnax_notes": note_lines(tables.heading, caveats),
     }

@@ -71,7 +71,7 @@ def write_pybamm(result: Result) -> Export:
     tables = tables_of(result)
     return _module(
         "pybamm", "get_parameter_values", tables,
-        initial_soc=min(max(tables.initial_soc, NEAREST_TO_LIMIT), 1 - NEAREST_TO_LIMIT),
+        initial_soc=min(max(result.initial_soc, NEAREST_TO_LIMIT), 1 - NEAREST_TO_LIMIT),
         cutoff_margin_v=CUTOFF_MARGIN_V,
     )  # fmt: skip
 
@@ -152,6 +152,11 @@ class Verification:
     rms_v: float
     without_hysteresis_v: float
     without_turns_v: float
+
+    @property
+    def text(self) -> str:
+        """The differences in a sentence."""
+        return caveats_of("verified", self)[0]
 
 
 def require_package(exporter: Exporter) -> tuple[str, Simulate]:

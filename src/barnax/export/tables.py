@@ -64,13 +64,11 @@ class Tables:
     `hysteresis` is W(soc), charge minus discharge OCV in V, None where the circuit has none. The
     circuit adds half of it after charging and takes half of it away after discharging: at once
     (`kind` is "instant"), or with a state that follows the charge passed at the rate `gamma` per
-    unit of SOC ("dynamic"); a current below `rest_current_a` turns neither. `initial_direction` is
-    the direction the simulation starts with, +1 charging. `caveats` say which nodes mean nothing by
-    themselves, and which temperatures were not measured.
+    unit of SOC ("dynamic"); a current below the rest current turns neither. `caveats` say which nodes
+    mean nothing by themselves, and which temperatures were not measured.
     """
 
-    model: str
-    heading: str
+    result: Result
     caveats: tuple[str, ...]
     parameters: CircuitParameters
     tau_s: tuple[float, ...]
@@ -79,9 +77,6 @@ class Tables:
     degc: tuple[float, ...] | None
     resistances: dict[str, np.ndarray]
     capacity_ah: float
-    initial_soc: float
-    initial_direction: int
-    rest_current_a: float
     kind: Hysteresis
     ocv: Table
     ocv_v: np.ndarray
@@ -96,8 +91,18 @@ class Tables:
         """The share of the hysteresis in the voltage at the start."""
         if self.hysteresis is None:
             return 0.0
-        w_v = self.hysteresis(np.array([self.initial_soc]))[0]
-        return float(self.initial_direction * w_v / 2)
+        w_v = self.hysteresis(np.array([self.result.initial_soc]))[0]
+        return float(self.result.start.direction * w_v / 2)
+
+    @property
+    def heading(self) -> str:
+        """The circuit, its record and its error in a sentence."""
+        result, errors = self.result, self.result.metrics.identification
+        return (
+            f"Written by barnax {escaped(result.versions.get('barnax', ''))}: circuit "
+            f"{circuit_name(result.model, result.over)}, identified on {escaped(errors.record)} "
+            f"with an RMSE of {1e3 * errors.rmse_v:.3f} mV. Discharge current is positive."
+        )
 
 
 def tables_of(result: Result, may_remember: bool = False) -> Tables:
@@ -130,8 +135,7 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
     soc, ocv_v = _ocv(circuit, cells, over_soc)
     kind, constants = _kind_of(circuit, cell), over_soc[place] if over_soc else parameters
     return Tables(
-        model=result.model,
-        heading=_heading(result),
+        result=result,
         caveats=_caveats(result, circuit, cell, over_soc),
         parameters=parameters,
         tau_s=constants.tau_s,
@@ -140,9 +144,6 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
         degc=degc,
         resistances={f"R{number}": values for number, values in enumerate(resistances)},
         capacity_ah=cell.capacity_ah,
-        initial_soc=result.initial_soc,
-        initial_direction=result.start.direction,
-        rest_current_a=result.start_rest_current_a,
         kind=kind,
         ocv=Table(soc, ocv_v[place]),
         ocv_v=ocv_v if degc else ocv_v[place],
@@ -287,15 +288,6 @@ def _not_determined(result: Result) -> dict[str, set[float]]:
         if interval.soc is not None and is_open and unit == "[Ohm]":
             nodes.setdefault(name, set()).add(interval.soc)
     return nodes
-
-
-def _heading(result: Result) -> str:
-    errors = result.metrics.identification
-    return (
-        f"Written by barnax {escaped(result.versions.get('barnax', ''))}: circuit "
-        f"{circuit_name(result.model, result.over)}, identified on {escaped(errors.record)} with "
-        f"an RMSE of {1e3 * errors.rmse_v:.3f} mV. Discharge current is positive."
-    )
 
 
 def linear_table(

@@ -47,14 +47,13 @@ def comparison_document(
     `illustrations` come from `comparison_illustrations`; `seconds` are the times of the rows by
     their names, which a stored comparison does not hold. Every sentence is made from the numbers.
     """
-    facts = verdict_facts(result)
+    facts, view = verdict_facts(result), View(cast("Result", result))
     records = facts["records"]
     roles = record_roles(1, len(records) - 1) if records else []
-    validated = [part.name for part in result.inputs if part.role == "validation"]
     sources = {row.method: row.source for row in result.rows}
     heads = ["method", "source"]
     blocks: dict[str, tuple[Block, ...]] = {
-        "circuits": circuit_blocks(result.candidates, (), validated),
+        "circuits": circuit_blocks(view),
         "files": (files_table(result),),
         "methods": (rows_table("The methods.", heads, sources.items(), heads),),
         "versions": (versions_table(result),),
@@ -68,7 +67,7 @@ def comparison_document(
     boxes = {name: (model.bounds, model.fixed) for name, model in result.models.items()}
     facts |= {
         "result": result,
-        "view": View(cast("Result", result)),
+        "view": view,
         "boxes_of": search_boxes(boxes),
     }
     return document("compared", blocks, illustrations, roles=roles, facts=facts)
@@ -103,13 +102,6 @@ class OnRecord:
             if {difference.first, difference.second} == {first, second}:
                 return difference
         return None
-
-    def lead_interval_v(self, leader: str, tested: "Difference") -> tuple[float, float]:
-        """The interval of the lead over the other row of a difference."""
-        # The stored difference may be of the second row minus the first.
-        sign = 1 if tested.first == leader else -1
-        low_v, high_v = sorted(-sign * end_v for end_v in tested.over_time.interval_v)
-        return low_v, high_v
 
 
 def on_records(result: "ComparisonResult") -> list[OnRecord]:

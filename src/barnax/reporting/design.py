@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from ..over_soc.fit import TableFit
     from ..results import Result
 
-WAYS = ("discharge", "charge")
 # On measured cells, records that are identified together leave wider intervals than was promised:
 # so many times, medians of 18 pairs (benchmarks/results/design.md).
 TOGETHER = {"R0": 1.3, "R1": 1.1, "R2": 1.2}
@@ -40,8 +39,6 @@ TOGETHER = {"R0": 1.3, "R1": 1.1, "R2": 1.2}
 WIDER = 0.25
 # A test is said to widen what it leaves so many times as wide as it was.
 WIDENED = 1.05
-# By so much warmer, the resistances of a cell are others.
-WARM_K = 10.0
 # Pieces on the screen, of a longer test: its first ones and its end.
 FIRST_PIECES, LAST_PIECES = 8, 2
 # Promised and reached intervals within this share of each other agree.
@@ -51,16 +48,9 @@ AGREES = 0.25
 def planned_screen(believed: "Believed", chosen: Sequence[str] = ()) -> Document:
     """The assumptions that a test is planned on: the capacity, the SOC that it stays in, the
     largest currents that are not among the options `chosen`, and records that do not count."""
-    origins = ("1C", "C/2")
-    if believed.rates_c != type(believed).rates_c:
-        origins = ("the largest of the records", "half the largest of the records")
-    currents = [
-        {"way": way, "most_a": rate * believed.cell.capacity_ah, "origin": origin}
-        for way, rate, origin in zip(WAYS, believed.rates_c, origins, strict=True)
-        if f"max_{way}" not in chosen
-    ]
+    is_usual = believed.rates_c == type(believed).rates_c
     least_soc = {"known": LOW_SOC, "unknown": UNKNOWN_LOW_SOC}
-    return screen([Lines(sentences("design.plan", believed, currents, least_soc))])
+    return screen([Lines(sentences("design.plan", believed, chosen, is_usual, least_soc))])
 
 
 def design_screen(design: "Design") -> Document:
@@ -79,7 +69,7 @@ def _facts(design: "Design") -> dict[str, Any]:
     before = {name: _known_before(design.of_table(name)) for name in names}
     after = {name: [width.after for width in design.of_table(name)] for name in wanted}
     facts: dict[str, Any] = {"before": before, "after": after, "together": TOGETHER}
-    facts |= {"shown": _shown, "half": _half, "middle": middle}
+    facts |= {"shown": _shown, "half": _half, "middle": middle, "emptying": EMPTYING}
     facts["already"] = [name for name in design.already if before[name]]
     facts["widened"] = [
         name
@@ -91,13 +81,6 @@ def _facts(design: "Design") -> dict[str, Any]:
         for name, half in design.printed.items()
         if before[name] and half > (1 + WIDER) * np.median(before[name])
     }
-    facts["correlated"] = duration(max(time_s for time_s, _ in design.error.noise))
-    if design.is_needed:
-        # What reaches the lowest voltage ends there.
-        facts["lowest_v"] = max(design.predicted.voltage_v.min(), design.limits.low_v)
-        facts["emptying"] = EMPTYING
-        facts["is_emptied"] = any(name == EMPTYING for name, _ in design.pieces)
-        facts["is_warm"] = design.predicted.warming_k > WARM_K
     if design.is_needed and not design.is_reached:
         facts |= _shortfall(design, after)
     return facts

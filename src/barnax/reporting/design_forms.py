@@ -22,11 +22,6 @@ REST_A = 1e-9
 LONGEST_LINE = 8
 
 
-def before(design: "Design") -> str:
-    """How the cell is brought to the start of the test."""
-    return wording("design.before", design)
-
-
 def design_files(design: "Design") -> dict[str, bytes]:
     """The test in all its forms, by the names of their files; none where no test is needed."""
     if not design.is_needed:
@@ -103,7 +98,8 @@ def pybamm_steps(design: "Design") -> list[str]:
 def pybamm_script(design: "Design") -> str:
     """The same as a module with the experiment."""
     steps = "\n".join(f'    "{step}",' for step in pybamm_steps(design))
-    return rendered("experiment", before=before(design), emptying=EMPTYING, steps=steps)
+    before = wording("design.before", design)
+    return rendered("experiment", before=before, emptying=EMPTYING, steps=steps)
 
 
 def procedure(design: "Design") -> str:
@@ -114,7 +110,7 @@ def procedure(design: "Design") -> str:
     lines = [
         f"Test of a cell of {design.capacity_ah:g} Ah, {design.hours:.2f} h{most}",
         f"Stop the test below {limits.low_v:g} V or above {limits.high_v:g} V. Log every second.",
-        f"Before: {before(design)}",
+        f"Before: {wording('design.before', design)}",
         "",
     ]
     second, row = 0, 1

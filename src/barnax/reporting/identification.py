@@ -41,10 +41,9 @@ def identification_document(
         "errors": (errors_table(result),),
     }
     if not summary_only:
-        validated = [part.name for part in view.validation]
         assessment = result.constant.assessment
         blocks |= {
-            "circuits": circuit_blocks(view.candidates, result.tried, validated),
+            "circuits": circuit_blocks(view, result.tried),
             "tables": other_temperatures(result.fits),
             "ocv nodes": ocv_tables(result.fits),
             "pulses": pulses_blocks(result),

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ..comparison import Comparison, ComparisonResult
-    from ..replay import SocReplay
     from ..results import Result
     from ..search.evaluate import Evaluation
 
@@ -100,11 +99,6 @@ def figure_of(result: "Result", name: str) -> "Figure":
 def stored_illustrations(result: "Result") -> Drawn:
     """The figures of a stored result that need none of its records."""
     return [_of_ocv(result), *_of_tables(result)]
-
-
-def replay_illustration(replay: "SocReplay") -> Picture:
-    """The figure of a replay, which has to have its traces."""
-    return illustrate("soc", replay.record, plots.plot_soc_replay, replay)
 
 
 def comparison_illustrations(

@@ -231,13 +231,9 @@ def show(*results: Result | str | Path, names: tuple[str, ...] = ()) -> SideBySi
         )
         for name, facts in others
     }
-    beyond, wide = (
-        {name: alike.get(change, []) for name, alike in changes.items()}
-        for change in ("beyond", "too wide to tell")
-    )
     differing, too_wide = (
-        {name: tuple(map(_title, facts)) for name, facts in several.items()}
-        for several in (beyond, wide)
+        {name: tuple(map(_title, alike.get(change, ()))) for name, alike in changes.items()}
+        for change in ("beyond", "too wide to tell")
     )
     blocks = {
         "results": (_results_table(names, loaded, have_tables),),
@@ -248,18 +244,19 @@ def show(*results: Result | str | Path, names: tuple[str, ...] = ()) -> SideBySi
         blocks,
         names=names,
         beyond=differing,
-        wide={name: _by_symbol(facts) for name, facts in wide.items()},
+        wide={name: _by_symbol(alike) for name, alike in changes.items()},
         models={result.model for result in loaded},
         have_tables=have_tables,
     )
     return SideBySide(report, differing, too_wide)
 
 
-def _by_symbol(quantities: Iterable[Fact]) -> Mapping[str, list[str]]:
-    """All states of charge of each parameter, in percent; one that has none is empty."""
+def _by_symbol(changes: Mapping[str, Iterable[Fact]]) -> Mapping[str, list[str]]:
+    """All states of charge of each parameter whose intervals are too wide to tell, in percent; one
+    that has none is empty."""
     return gathered(
         (symbol(fact.label), "" if fact.soc is None else f"{100 * fact.soc:g}")
-        for fact in quantities
+        for fact in changes.get("too wide to tell", ())
     )
 
 

@@ -84,10 +84,8 @@ def middle_pulses(result: "Result") -> list[tuple[str, ...]]:
 
 def middle_heads(result: "Result") -> tuple[str, ...]:
     """The heads of `middle_pulses`."""
-    return (
-        f"at {100 * MIDDLE_SOC:.0f} % SOC [{_unit(result)}]",
-        *(HEADS[place] for place in _known(result.pulses)),
-    )
+    heads = (HEADS[place] for place in _known(result.pulses))
+    return (f"at {100 * MIDDLE_SOC:.0f} % SOC [{_unit(result)}]", *heads)
 
 
 def _known(pulses: Sequence[Pulse]) -> list[int]:

@@ -139,38 +139,32 @@ def errors_table(result: "Result") -> Table:
 # The circuits that were tried.
 
 
-def circuit_blocks(
-    candidates: "Sequence[Candidate]", tried: Sequence[Tried], validation: Sequence[str]
-) -> tuple[Block, ...]:
+def circuit_blocks(view: View, tried: Sequence[Tried] = ()) -> tuple[Block, ...]:
     """The answer and the constant circuit with their errors, and how the answer was chosen; nothing
     where there was no choice."""
-    if len(candidates) < 2 and len(tried) < 2:
+    if len(view.candidates) < 2 and len(tried) < 2:
         return ()
-    table = candidates_table(candidates, validation)
-    return (
-        (Bullets(sentences("circuit.rule", Policy())), table, choice_table(tried))
-        if tried
-        else (table,)
-    )
+    table = candidates_table(view)
+    if not tried:
+        return (table,)
+    return Bullets(sentences("circuit.rule", Policy())), table, choice_table(tried)
 
 
 def choice_document(result: "Result") -> Document:
     """How the circuit of a result was chosen."""
-    view = View(result)
-    validation = [part.name for part in view.validation]
-    blocks = circuit_blocks(view.candidates, result.tried, validation)
+    blocks = circuit_blocks(View(result), result.tried)
     sections = (Section("Circuits", blocks),) if blocks else ()
     return Document("How the circuit was chosen", "", sections)
 
 
-def candidates_table(candidates: "Sequence[Candidate]", validation: Sequence[str]) -> Table:
+def candidates_table(view: View) -> Table:
     """The errors of every circuit on all records, the answer first."""
     cells: Cells[Candidate] = {
         "circuit": lambda candidate: candidate.name,
         "identification [mV]": lambda candidate: errors_words(candidate.identification),
     }
-    for index, name in enumerate(validation):
-        cells[f"{name} [mV]"] = lambda candidate, index=index: fixed(
+    for index, part in enumerate(view.validation):
+        cells[f"{part.name} [mV]"] = lambda candidate, index=index: fixed(
             1e3 * candidate.validation_v[index], 1
         )
     text = ["circuit", "identification [mV]", "left out [mV]", "proved: better by at most", ""]
@@ -182,9 +176,8 @@ def candidates_table(candidates: "Sequence[Candidate]", validation: Sequence[str
     )
     cells[""] = lambda candidate: "the answer" if candidate.is_answer else ""
     caption = "RMSE in mV, in brackets that above 10 % SOC, of the answer"
-    caption += " and the constant circuit." if len(candidates) > 1 else "."
-    ranked = sorted(candidates, key=lambda candidate: not candidate.is_answer)
-    return make_table(caption, ranked, cells, text)
+    caption += " and the constant circuit." if len(view.candidates) > 1 else "."
+    return make_table(caption, view.candidates, cells, text)
 
 
 def choice_table(tried: Sequence[Tried]) -> Table:

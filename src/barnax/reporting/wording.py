@@ -18,6 +18,7 @@ from functools import cache
 from inspect import isfunction
 from itertools import groupby
 from operator import itemgetter
+from statistics import median
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -37,8 +38,12 @@ CONSTANTS |= {name: getattr(dependence, name) for name in ("BETA", "KAPPA", "ONS
 # What is worth a sentence: low SOC with most of the squared error, a band with a notable share of
 # it, and a start that was moved, or an SOC beyond the ends, by more than what nobody asks about.
 CONSTANTS |= {"MOST": 0.5, "NOTABLE": 0.2, "MOVED_SOC": 5e-5, "BEYOND_SOC": 0.005}
+# A start or a capacity that was adjusted by less, as a share, changes no answer.
+CONSTANTS |= {"HARDLY_MOVED": 1e-3}
 # A 95 % band that holds less often is overconfident; a flat OCV at fewer samples is no matter.
 CONSTANTS |= {"TRUSTED_BAND": 0.9, "FLAT_SHARE": 0.05}
+# By so much warmer, the resistances of a cell are others.
+CONSTANTS |= {"WARM_K": 10.0}
 # Errors within this share of each other are called the same, and circuits nearly as good.
 CONSTANTS |= {"SAME": 0.01}
 
@@ -136,6 +141,7 @@ def _templates() -> Environment:
         finalize=_on_one_line,
     )
     functions = {name: value for name, value in vars(words).items() if isfunction(value)}
+    functions |= {"median": median, "alike": alike}
     templates.filters |= {**functions, "lines": Lines, "sentences_of": sentences_of}
-    templates.globals.update({**functions, **CONSTANTS, "alike": alike})  # pyrefly: ignore
+    templates.globals.update({**functions, **CONSTANTS})  # pyrefly: ignore
     return templates

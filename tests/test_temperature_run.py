@@ -117,7 +117,7 @@ def test_what_is_stored_says_the_same_and_takes_a_record_at_its_temperature(resu
     with pytest.raises(InputError, match="known from 5 to 45 degC, not at 60 degC"):
         again.simulate(prepared.current_a, prepared.time_s, temperature=60.0)
     assert set(again.to_frame()["temperature [degC]"]) == set(DEGC)
-    rows = list(csv.DictReader(tables_csv(again).decode().splitlines()))
+    rows = list(csv.DictReader(tables_csv(again.fits).decode().splitlines()))
     assert {float(row["temperature [degC]"]) for row in rows} == set(DEGC)
 
 

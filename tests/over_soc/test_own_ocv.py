@@ -25,7 +25,7 @@ from barnax.over_soc.settings import TableSettings
 from barnax.records import read_record
 from barnax.records.record import in_means
 from barnax.reporting.identification import identification_document
-from barnax.reporting.parameters import fit_csv
+from barnax.reporting.parameters import tables_csv
 from barnax.reporting.view import View
 from barnax.settings import NODES
 from helpers.known_cell import FEW_NODES, R0_OHM, R_OHM, SMALL, TAU_S, made, ocv_v
@@ -429,7 +429,7 @@ def test_a_record_alone_is_identified_validated_and_stored(tmp_path):
     simulated = again.simulate({"Time [s]": [0.0, 1.0, 2.0], "Current [A]": [0.0, 2.0, 2.0]})
     assert simulated["Voltage [V]"][0] > simulated["Voltage [V]"][1]
     # The OCV is an answer too, with its intervals: the circuit's, at every node.
-    rows = csv.DictReader(fit_csv(again.fit).decode().splitlines())
+    rows = csv.DictReader(tables_csv(again.fits).decode().splitlines())
     rows = [row for row in rows if row["table"] == OCV]
     assert len(rows) > len(again.fit.tables.nodes)
     for row in rows:
@@ -498,7 +498,7 @@ def test_the_frame_of_one_value_has_the_nodes_of_the_ocv(narrow):
     assert frame["SOC"].to_list() == [node.soc for node in nodes]
     assert frame["OCV [V]"].to_list() == [node.value for node in nodes]
     assert set(frame["R0 [Ohm]"]) == set(result.fit.tables.tables["R0 [Ohm]"])
-    rows = [*csv.DictReader(fit_csv(result.fit).decode().splitlines())]
+    rows = [*csv.DictReader(tables_csv(result.fits).decode().splitlines())]
     assert {row["SOC"] for row in rows if row["table"] == "R0 [Ohm]"} == {""}
     assert len(rows) == 3 + 2 + len(nodes)
 

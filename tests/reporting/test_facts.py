@@ -51,7 +51,7 @@ def test_the_frame_and_the_csv_hold_every_fact(result):
         for name, own in estimates:
             assert (rows[name]["value"], rows[name]["low"]) == (own.value, own.low)
         return
-    rows = list(csv.DictReader(tables_csv(result).decode().splitlines()))
+    rows = list(csv.DictReader(tables_csv(result.fits).decode().splitlines()))
     by_soc = {row["SOC"]: row for row in frame.to_dicts()}
     for fact, row in zip(result.fit.facts, rows, strict=True):
         told = ["" if end is None else repr(end) for end in (fact.value, fact.low, fact.high)]

@@ -57,7 +57,7 @@ def test_the_csv_has_every_pulse_and_leaves_empty_what_is_not_known():
 
 
 def test_the_csv_of_tables_has_every_node_with_its_interval():
-    rows = list(csv.DictReader(tables_csv(make_table_result()).decode().splitlines()))
+    rows = list(csv.DictReader(tables_csv(make_table_result().fits).decode().splitlines()))
     own = [row for row in rows if row["table"] == "R0 [Ohm]"]
     assert [float(row["SOC"]) for row in own] == list(NODES)
     assert [float(row["value"]) for row in own] == list(TABLE_OHM[0])

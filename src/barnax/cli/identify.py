@@ -95,6 +95,7 @@ def _fit_factors(options: Identification, paths: list[Path]) -> None:
     session = Session(is_quiet=options.output.quiet)
     session.load_jax()
     from ..factors import read_factors
+    from ..over_soc.fits import TableFits
     from ..over_soc.kept import fit_kept
     from ..run_setup import bounded_tables
 
@@ -117,7 +118,7 @@ def _fit_factors(options: Identification, paths: list[Path]) -> None:
     fit = fit_kept(kept, bounded_tables(job, but="[F]"))
     session.show_document(reporting.soc_tables.kept_document(kept, fit))
     if folder is not None:
-        tables = {TABLES: reporting.parameters.fit_csv(fit)}
+        tables = {TABLES: reporting.parameters.tables_csv(TableFits((fit,)))}
         place = write_folder(folder, tables, options.output.force)
         session.show(["", str(place / TABLES)])
     session.warn(fit.warnings)
@@ -218,7 +219,7 @@ def result_files(
     """The figures, and the report where it is wanted, by their path in the folder."""
     tables: dict[str, bytes] = {}
     if result.tables:
-        tables[TABLES] = reporting.parameters.tables_csv(result)
+        tables[TABLES] = reporting.parameters.tables_csv(result.fits)
     if result.pulses:
         tables["pulses.csv"] = reporting.pulses.pulses_csv(result.pulses)
     draw = partial(reporting.illustrations.identification_illustrations, result, live=live)

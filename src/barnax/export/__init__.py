@@ -10,20 +10,13 @@ from types import MappingProxyType
 
 from ..errors import InputError
 from . import files, python_modules
-from .exporter import Export, Exporter, Profile
-from .python_modules import Verification, pulse_profile, require_package, verify
-
-__all__ = [
-    "EXPORTERS",
-    "Export",
-    "Exporter",
-    "Profile",
-    "Verification",
-    "get_exporter",
-    "pulse_profile",
-    "require_package",
-    "verify",
-]
+from .exporter import Export as Export
+from .exporter import Exporter as Exporter
+from .exporter import Profile as Profile
+from .python_modules import Verification as Verification
+from .python_modules import pulse_profile as pulse_profile
+from .python_modules import require_package as require_package
+from .python_modules import verify as verify
 
 # A new target is a function and one entry here: its name, a line about it, its usual file, and the
 # package that runs it, if there is one.

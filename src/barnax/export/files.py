@@ -183,11 +183,11 @@ def write_json(result: Result) -> Export:
     tables = tables_of(result)
     content: dict[str, object] = {
         "notes": [tables.heading, *tables.caveats],
-        "circuit": tables.result.model,
+        "circuit": result.model,
         "capacity [A.h]": tables.capacity_ah,
-        "initial SOC": tables.result.initial_soc,
-        "initial direction": tables.result.start.direction,
-        "rest current [A]": tables.result.start_rest_current_a,
+        "initial SOC": result.initial_soc,
+        "initial direction": result.start.direction,
+        "rest current [A]": result.start_rest_current_a,
         "hysteresis": tables.kind,
         "gamma": tables.gamma,
         "tau [s]": tables.tau_s,
@@ -263,7 +263,7 @@ def write_simscape(result: Result) -> Export:
         "V_range": np.array([0.0, np.inf]),
         "AH": tables.capacity_ah,
         "prm_dyn": f"simscape.enum.tablebattery.prm_dyn.rc{tables.pairs}",
-        "stateOfCharge": tables.result.initial_soc,
+        "stateOfCharge": result.initial_soc,
         "BatteryEquivalentCircuit": equivalent,
         "barnax_notes": note_lines(tables.heading, caveats),
     }

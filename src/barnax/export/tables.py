@@ -64,8 +64,8 @@ class Tables:
     `hysteresis` is W(soc), charge minus discharge OCV in V, None where the circuit has none. The
     circuit adds half of it after charging and takes half of it away after discharging: at once
     (`kind` is "instant"), or with a state that follows the charge passed at the rate `gamma` per
-    unit of SOC ("dynamic"); a current below the rest current turns neither. `caveats` say which nodes
-    mean nothing by themselves, and which temperatures were not measured.
+    unit of SOC ("dynamic"); a current below the rest current turns neither. `caveats` say which
+    nodes mean nothing by themselves, and which temperatures were not measured.
     """
 
     result: Result
@@ -165,20 +165,13 @@ def _caveats(
     caveats = caveats_of("beside_tables", result, cell, _ocv_without_samples(result), ladders)
     if not over_soc:
         return caveats
-    over = result.fits.over_temperature
     unseen = ~np.all([tables.visited for tables in over_soc], axis=0)
-    laws = [fit.tables.dependence for fit in result.fits if fit.tables.dependence is not None]
-    capacities_ah = [
-        result.cell_at(degc).capacity_ah for degc in (over.temperatures_degc if over else ())
-    ]
     return caveats + caveats_of(
         "of_tables",
-        over,
+        result,
         np.array(over_soc[0].nodes)[unseen].tolist(),
         _not_determined(result).items(),
-        laws,
         _kind_of(circuit, cell) != "none",
-        capacities_ah,
     )
 
 

@@ -11,7 +11,7 @@ from ..experiment.information import DRIVE
 from ..experiment.protocol import LOW_SOC
 from ..experiment.stored import followed, is_enough, told_half
 from .design_forms import EMPTYING
-from .document import Document, Lines, Table, bare_table, rows_table, screen
+from .document import Document, Lines, Table, rows_table, screen
 from .wording import sentences, wording
 from .words import (
     NOTHING,
@@ -131,7 +131,7 @@ def _widths_table(design: "Design") -> Table:
         if len(own) > 1:
             wide = _half(name, max(before)) if len(before) == len(own) else ""
             rows.append(["  widest", "", wide, *(_half(name, max(halves)) for halves in after)])
-    return bare_table(heads, rows)
+    return rows_table("", heads, rows, heads[:1], is_bare=True)
 
 
 def _shown(name: str) -> str:

@@ -1,6 +1,6 @@
 """A report before it is HTML or Markdown, and the tables that several reports have."""
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import chain, takewhile
@@ -103,6 +103,7 @@ def rows_table(
     text: Collection[str] = (),
     best: Iterable[tuple[int, int]] = (),
     joined: Iterable[int] = (),
+    is_bare: bool = False,
 ) -> Table:
     """The same of rows whose cells are words already."""
     columns = []
@@ -110,23 +111,7 @@ def rows_table(
         name, _, unit = head.partition(" [")
         columns.append(Column(name, unit.removesuffix("]"), "text" if head in text else "number"))
     cells = tuple(map(tuple, rows))
-    return Table(caption, tuple(columns), cells, frozenset(best), frozenset(joined))
-
-
-def bare_table(
-    heads: Sequence[str],
-    rows: Iterable[Sequence[str]],
-    numbers: Collection[int] | None = None,
-    joined: Iterable[int] = (),
-) -> Table:
-    """A table of a screen; all columns but the first are numbers, unless told otherwise."""
-    numbers = range(1, len(heads)) if numbers is None else numbers
-    columns = tuple(
-        Column(head, role="number" if place in numbers else "text")
-        for place, head in enumerate(heads)
-    )
-    cells = tuple(map(tuple, rows))
-    return Table("", columns, cells, joined=frozenset(joined), is_bare=True)
+    return Table(caption, tuple(columns), cells, frozenset(best), frozenset(joined), is_bare)
 
 
 METRICS: "Cells[MetricsPart]" = {

@@ -13,7 +13,7 @@ from ..cell.soc_axis import ABOVE_SOC
 from ..checks.roles import are_unfit
 from ..plan.choosing import MAKE_RECORD
 from ..settings import OVER_TEMPERATURE
-from .document import Bullets, Document, Lines, Table, bare_table, screen
+from .document import Bullets, Column, Document, Lines, Table, rows_table, screen
 from .pulses import middle_heads, middle_pulses
 from .soc_tables import headline
 from .view import View
@@ -38,7 +38,8 @@ def first_screen(result: "Result") -> Document:
     view = View(result)
     tables = [_files_table(view), _errors_table(view), _parameters_table(view)]
     if pulses := middle_pulses(result):
-        tables.append(bare_table(middle_heads(result), pulses))
+        heads = middle_heads(result)
+        tables.append(rows_table("", heads, pulses, heads[:1], is_bare=True))
     lines = [
         f"{section.title}: {text}"
         for section in document("screen", view=view, is_apart=is_apart).sections
@@ -59,7 +60,7 @@ def _files_table(view: View) -> Table:
         rows.append([_short(part.name, LONGEST_NAME - 9 * has_degc), *at, *_extent(part)])
     if len(shown) < len(parts):
         rows.append([f"and {len(parts) - len(shown)} more", *[""] * (3 + has_degc)])
-    return bare_table([""] * (4 + has_degc), rows, ())
+    return rows_table("", [""] * (4 + has_degc), rows, [""], is_bare=True)
 
 
 def _extent(part: "InputPart") -> tuple[str, str, str]:
@@ -95,7 +96,7 @@ def _errors_table(view: View) -> Table:
             errors_v = [*above, candidate.held_out.above_v if candidate.held_out else None]
             row = map(aligned_millivolt, errors_v[: len(heads) - 1])
             rows.append(["  above 10 % SOC", *row, ""])
-    return bare_table([*heads, ""], rows, range(1, len(heads)))
+    return rows_table("", [*heads, ""], rows, [""], is_bare=True)
 
 
 def is_apart(above_v: float | None, all_v: float) -> bool:
@@ -123,7 +124,8 @@ def _errors_over_temperature(view: View, over: "OverTemperature") -> Table:
         columns["left out"] = left
     cells = (map(aligned_millivolt, row) for row in zip(*columns.values(), strict=True))
     shown = ([role, *row] for (role, _), row in zip(rows, cells, strict=True))
-    return bare_table([view.result.model, *columns], shown)
+    heads = [view.result.model, *columns]
+    return rows_table("", heads, shown, heads[:1], is_bare=True)
 
 
 def _left_out_v(over: "OverTemperature", record: "InputPart | None") -> float | None:
@@ -143,8 +145,12 @@ def _parameters_table(view: View) -> Table:
     """Resistances at the left, the time constants of their pairs at the right."""
     heads, rows = headline(view)
     if view.over_temperature is not None:
-        return bare_table(heads, rows)
-    return bare_table(heads, rows, (1, 3, 5), (5, 6))
+        return rows_table("", heads, rows, heads[:1], is_bare=True)
+    # Names and intervals take turns with numbers.
+    columns = (
+        Column(head, role="number" if index % 2 else "text") for index, head in enumerate(heads)
+    )
+    return Table("", tuple(columns), tuple(rows), joined=frozenset({5, 6}), is_bare=True)
 
 
 def _short(name: str, longest: int) -> str:

@@ -147,7 +147,7 @@ def _causes(life: "Life") -> list[tuple[str, int]]:
 
 
 def _fleet_table(life: "Life") -> Table:
-    heads = ["cell", "eq. full cycles", *map(_head, QUANTITIES)]
+    heads = ["cell", "eq. full cycles", *(_shown(quantity)[0] for quantity in QUANTITIES)]
     rows = []
     for cell in life.cells[:MOST_ROWS]:
         last = (_last(life, quantity, cell) for quantity in QUANTITIES)
@@ -160,7 +160,7 @@ def _last(life: "Life", quantity: str, cell: str) -> str:
     (trend,) = life.of(quantity, cell)
     if not trend.estimates:
         return NOTHING
-    value, low, high = _scale(quantity) * trend.smooth[np.isfinite(trend.smooth[:, 0])][-1]
+    value, low, high = _shown(quantity)[1] * trend.smooth[np.isfinite(trend.smooth[:, 0])][-1]
     return f"{figures(value, 4)} ± {figures((high - low) / 2, 2)}"
 
 
@@ -171,7 +171,7 @@ def _fault_table(life: "Life") -> Table:
 
 
 def _trend_table(life: "Life", trend: "Trend") -> Table:
-    scale = _scale(trend.quantity)
+    head, scale = _shown(trend.quantity)
 
     def number(value: float) -> str:
         return NOTHING if np.isnan(value) else figures(scale * float(value), 4)
@@ -182,7 +182,7 @@ def _trend_table(life: "Life", trend: "Trend") -> Table:
     )
     return rows_table(
         f"{quantity_name(trend.quantity)}, with 95 % intervals.",
-        [f"age [{life.unit}]", _head(trend.quantity), *TREND_HEADS],
+        [f"age [{life.unit}]", head, *TREND_HEADS],
         rows,
     )
 
@@ -192,11 +192,6 @@ def _ends(trend: "Trend") -> tuple[float, float]:
     return float(smooth[0]), float(smooth[-1])
 
 
-def _scale(quantity: str) -> float:
-    return 1.0 if quantity.startswith("capacity") else 1e3
-
-
-def _head(quantity: str) -> str:
-    unit = "" if quantity.startswith("capacity") else "m"
-    name, _, own = quantity.partition(" [")
-    return f"{name} [{unit}{own}"
+def _shown(quantity: str) -> tuple[str, float]:
+    """A quantity's name with the unit it is shown in, and the factor to that."""
+    return (quantity, 1.0) if "[A.h]" in quantity else (quantity.replace(" [", " [m"), 1e3)

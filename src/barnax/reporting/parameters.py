@@ -34,34 +34,27 @@ if TYPE_CHECKING:
     import polars
 
     from ..over_soc.fit import TableFit
+    from ..over_soc.fits import TableFits
 
 # A parameter's name, and the SOC that it is at.
 Key = tuple[str, float | None]
-TABLE_HEADS = ("table", "SOC", "value", "low", "high", "visited")
+TABLE_HEADS = ("temperature [degC]", "table", "SOC", "value", "low", "high", "visited")
 # States of charge at which tables are compared.
 COMPARED_SOC = (0.1, 0.3, 0.5, 0.7, 0.9)
 # An interval that spans more than this factor could hide a doubling.
 TOO_WIDE = 2.0
 
 
-def tables_csv(result: Result) -> bytes:
+def tables_csv(fits: "TableFits") -> bytes:
     """Every node of every table in a row, with its interval where one was computed, then constants
     and means; the tables of each temperature after the other where there are several."""
-    if result.fits.over_temperature is None:
-        return fit_csv(result.fit)
-    rows = ([degc, *row] for degc, fit in result.fits.by_degc for row in _rows(fit))
-    return csv_text(["temperature [degC]", *TABLE_HEADS], rows).encode()
-
-
-def fit_csv(fit: "TableFit") -> bytes:
-    """The same of one fit."""
-    return csv_text(TABLE_HEADS, _rows(fit)).encode()
-
-
-def _rows(fit: "TableFit") -> Iterator[tuple[Any, ...]]:
-    """What stands under `TABLE_HEADS`."""
-    for fact in _facts(fit):
-        yield fact.label, fact.soc, fact.value, fact.low, fact.high, int(fact.is_visited)
+    rows = [
+        (degc, fact.label, fact.soc, fact.value, fact.low, fact.high, int(fact.is_visited))
+        for degc, fit in fits.by_degc
+        for fact in _facts(fit)
+    ]
+    first = 1 if fits.over_temperature is None else 0
+    return csv_text(TABLE_HEADS[first:], (row[first:] for row in rows)).encode()
 
 
 def _facts(fit: "TableFit") -> Iterator[Fact]:

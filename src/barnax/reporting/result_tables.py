@@ -16,7 +16,6 @@ from .document import (
     Paragraph,
     Section,
     Table,
-    bare_table,
     circuits_table,
     make_table,
     readable,
@@ -92,7 +91,7 @@ def plan_screen(plan: "Plan") -> Document:
     for name, value in plan.options.items():
         why = f", {plan.reasons[name]}" if name in plan.reasons else ""
         rows.append((name.replace("_", " "), f"{value}{why}"))
-    blocks: list[Block] = [bare_table(["", ""], rows, ())]
+    blocks: list[Block] = [rows_table("", ["", ""], rows, [""], is_bare=True)]
     if plan.command == "hppc":
         blocks.append(Paragraph("A pulse test alone: identified with tables over SOC, as by hppc."))
     return screen(blocks)

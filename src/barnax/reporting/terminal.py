@@ -188,9 +188,10 @@ class Whole:
 
 
 def _head(column: Column, is_bare: bool) -> Words:
-    if is_bare or column.role == "text":
-        name = column.name
-    else:
+    if is_bare:
+        return plain(column.head)
+    name = column.name
+    if column.role == "number":
         # Narrow, so that names fit beside seven numbers in 80 columns; "95 %" is one word.
         name = re.sub(r"(?<!\d) ", "\n", column.name.replace("-", "-\n"))
     return plain(f"{name}\n[{column.unit}]" if column.unit else name)

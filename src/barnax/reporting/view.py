@@ -61,13 +61,10 @@ class View:
         tests = {part.sha256 for part in self._of_role("ocv")}
         return not tests.isdisjoint(part.sha256 for part in self.identified)
 
-    @property
-    def signs(self) -> "Mapping[Decision, list[str]]":
-        return gathered((part.sign, part.name) for part in self.result.inputs if part.sign)
-
-    @property
-    def holds(self) -> "Mapping[Decision, list[str]]":
-        return gathered((part.hold, part.name) for part in self.result.inputs if part.hold)
+    def decided(self, what: str) -> "Mapping[Decision, list[str]]":
+        """The files by what was decided about their `sign` or `hold`."""
+        decisions = ((getattr(part, what), part.name) for part in self.result.inputs)
+        return gathered((decision, name) for decision, name in decisions if decision)
 
     @property
     def windows(self) -> "Mapping[Window, list[str]]":

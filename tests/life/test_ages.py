@@ -152,3 +152,8 @@ def test_dates_with_hours_in_one_number_are_no_stamps_and_a_span_names_its_row()
         ages_of(spans, "age")
     with pytest.raises(InputError, match="no row has a finite age"):
         ages_of(pl.Series([None], dtype=pl.Duration), "age")
+
+
+def test_yes_and_no_are_no_ages():
+    with pytest.raises(InputError, match="row 1 is 'True'; give a number"):
+        ages_of(pl.Series([True, False]), "age")

@@ -444,7 +444,7 @@ def test_a_temperature_in_kelvin_is_refused_with_how_to_convert_it():
 
 
 @pytest.mark.parametrize("has_steps", [True, False])
-@pytest.mark.parametrize("zeros", [[70], [130, 131], [70, 250], [298], [297, 298]])
+@pytest.mark.parametrize("zeros", [[70], [130, 131], [70, 250], [118], [178, 297, 298]])
 def test_a_zero_within_a_step_does_not_begin_another(has_steps, zeros):
     """The clock of each of five steps begins anew, a second after the step before it ended."""
     within_s = np.tile(np.arange(60.0), 5)
@@ -481,3 +481,12 @@ def test_what_relaxes_within_a_minute_is_no_resistance_of_a_time_converted_twice
     table = {"Time [s]": 3600 * hours, "Current [A]": current_a, "Voltage [V]": voltage_v}
     findings = check_file(source_from_frame(table, "sweep")).findings
     assert not [one for one in findings if one.check == "time unit"]
+
+
+@pytest.mark.parametrize("bits", [16, 32])
+def test_a_counter_that_is_full_begins_anew_and_is_not_sorted(bits):
+    """Of milliseconds in 16 bits, and of microseconds in 32."""
+    unit, per_s = ("ms", 1e3) if bits == 16 else ("us", 1e6)
+    counted = (SECONDS * per_s + 2**bits - 40 * per_s) % 2**bits
+    with pytest.raises(InputError, match="the clock starts again"):
+        time_of(f"Time [{unit}]", counted)

@@ -97,7 +97,7 @@ def ages_of(column: pl.Series, name: str) -> tuple[Ages, str]:
             texts = column.set((~number.is_finite()).fill_null(False), None)
             number = pl.Series([_date(text, row, name) for row, text in enumerate(texts, 1)])
         column = number
-    if column.dtype in (pl.Duration, pl.Time):
+    if column.dtype in (pl.Duration, pl.Time, pl.Boolean):
         for row in column.is_not_null().arg_true()[:1]:
             raise _neither(str(column[row]), row + 1, name)
         column = column.cast(pl.Int64)

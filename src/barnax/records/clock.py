@@ -11,6 +11,8 @@ from .cell_values import DAY_S, is_clock, is_local_date, uneven
 from .record import runs
 from .samples import Samples
 
+# Pieces in their places lie no further apart than so many of the longest intervals within them.
+_LATEST = 10
 # More stamps out of line than three, or one in a hundred, are no slips; nor are so many that
 # follow another of the same stamp.
 _SLIPS, _FEW = 3, 0.01
@@ -89,16 +91,14 @@ def _without_zeros(samples: Samples) -> Samples:
 def _within_steady_stamps(time: Clock, is_out: Flags) -> Flags:
     """Those of the stamps that stand between others of one interval, in place of as many."""
     first, last = runs(is_out)
-    is_inside = (first > 1) & (last < len(time) - 1)
+    is_inside = (first > 0) & (last < len(time) - 1)
     first, last = first[is_inside], last[is_inside]
-    before_s, each_s = time[first - 1] - time[first - 2], time[last + 1] - time[first - 1]
-    each_s /= last - first + 2
-    # The last stamp has none after it.
-    after_s = np.where(
-        last < len(time) - 2, np.append(time, np.inf)[last + 2] - time[last + 1], each_s
-    )
-    is_steady = (each_s > 0) & (np.abs(before_s - each_s) < _EVEN * each_s)
-    is_steady &= np.abs(after_s - each_s) < _EVEN * each_s
+    each_s = (time[last + 1] - time[first - 1]) / (last - first + 2)
+    interval_s = np.concatenate([[-np.inf], np.diff(time), [-np.inf]])
+    beside_s = np.stack([interval_s[first - 1], interval_s[last + 2]])
+    is_even = np.abs(beside_s - each_s) < _EVEN * each_s
+    # Beside the first stamp of a step, or the last, there is none.
+    is_steady = (each_s > 0) & np.all(is_even | (beside_s <= 0), axis=0) & np.any(is_even, axis=0)
     within = np.zeros(len(time), int)
     np.add.at(within, first[is_steady], 1)
     np.add.at(within, last[is_steady] + 1, -1)
@@ -286,7 +286,9 @@ def _stray_runs(time: Clock) -> Flags:
 def _is_shuffled(time: Clock, falls: int) -> bool:
     """True if sorting puts whole pieces into their places, rather than mixing two clocks."""
     order = np.argsort(time, kind="stable")
-    if np.any(np.diff(time[order]) == 0):
+    sorted_s = np.diff(time[order])
+    # Between the pieces of a clock that began anew much time would pass.
+    if np.any(sorted_s == 0) or sorted_s.max() > _LATEST * np.diff(time).max():
         return False
     piece = np.cumsum(np.concatenate([[0], np.diff(time) < 0]))[order]
     return int(np.sum(np.diff(piece) != 0)) <= 3 * falls + 2

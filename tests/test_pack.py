@@ -16,7 +16,7 @@ from barnax.over_soc.pack import fit_pack
 from barnax.over_soc.settings import TableSettings
 from barnax.pack import identify_pack
 from barnax.records import record_from_frame, source_from_frame
-from barnax.records.pack import read_pack
+from barnax.records.read import read_pack
 from barnax.reporting.fleet import pack_document
 from barnax.reporting.render import to_markdown
 from helpers.packs import PackedCell, alike, drive_a, frame, ocv_table, simulated

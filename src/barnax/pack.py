@@ -22,7 +22,7 @@ from .over_soc.fits import TableFits
 from .over_soc.pack import CAPACITY, LOADED, R0, SHIFT, TOTAL, PackFit, Value, fit_pack
 from .pipeline import identify
 from .records.lag import Scan
-from .records.pack import PackRecord, read_pack
+from .records.read import PackRecord, read_pack
 from .results import Result
 from .settings import Reading
 

@@ -36,6 +36,10 @@ from .soc_axis import (
     place_on_soc,
 )
 
+Tests = Sequence[Record | OcvTable]
+# Those of each direction.
+Points = Mapping[int, Sequence[OcvPoint]]
+
 # Two branches of a cell without hysteresis may cross by what their fits and tests are off.
 _LEAST_GAP_V = -2e-3
 SAME_POINT = 1e-6
@@ -44,7 +48,7 @@ SLOW_HOURS = 14.0
 
 
 def characterize(
-    tests: Sequence[Record | OcvTable],
+    tests: Tests,
     *,
     capacity_ah: float | None = None,
     ocv_capacity_ah: float | None = None,
@@ -170,15 +174,12 @@ def without_drop(cell: CellModel, resistance_ohm: float) -> CellModel:
     return replace(cell, sweep_ohm=resistance_ohm, **fitted)
 
 
-def characterize_over_temperature(
-    by_degc: Mapping[float, Sequence[Record | OcvTable]], **options: Any
-) -> CellModel:
+def characterize_over_temperature(by_degc: Mapping[float, Tests], **options: Any) -> CellModel:
     """The cell that OCV tests at several temperatures show: as at the one nearest to 25 degC, and
     with `CellModel.at` at the others. Options are those of `characterize`, which raises what it
     does for the tests of one temperature."""
-    return over_temperatures(
-        {degc: characterize(tests, **options) for degc, tests in sorted(by_degc.items())}
-    )
+    cells = {degc: characterize(tests, **options) for degc, tests in sorted(by_degc.items())}
+    return over_temperatures(cells)
 
 
 def over_temperatures(by_degc: Mapping[float, CellModel]) -> CellModel:
@@ -190,9 +191,7 @@ def over_temperatures(by_degc: Mapping[float, CellModel]) -> CellModel:
     return replace(cells[nearest], elsewhere=others, warnings=tuple(warnings))
 
 
-def _fitted(
-    points: Mapping[int, Sequence[OcvPoint]], ocv_fit: OcvFit, hysteresis_fit: HysteresisFit
-) -> dict[str, Any]:
+def _fitted(points: Points, ocv_fit: OcvFit, hysteresis_fit: HysteresisFit) -> dict[str, Any]:
     """The fields of a cell that follow from its points: curves, hysteresis, and their errors; those
     of the average are against the mean of both branches' PCHIP."""
     curves: dict[int, Curve] = {}
@@ -237,9 +236,7 @@ def _sources(points: Sequence[OcvPoint]) -> str:
     return ", ".join(dict.fromkeys(point.source for point in points))
 
 
-def _test_warnings(
-    sweeps: Mapping[int, Sweep], points: Mapping[int, Sequence[OcvPoint]]
-) -> Iterator[Notice]:
+def _test_warnings(sweeps: Mapping[int, Sweep], points: Points) -> Iterator[Notice]:
     """Warnings of what a test leaves unknown by its kind, and of a sweep too fast for its
     hysteresis."""
     source = _sources([point for branch in points.values() for point in branch])

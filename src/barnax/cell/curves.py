@@ -1,9 +1,10 @@
 """OCV and hysteresis voltage over SOC: curves through their points, and five straight segments."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from jaxtyping import Float
@@ -22,6 +23,7 @@ FALL_TOLERANCE_V = OVERSHOOT_TOLERANCE_V = 3e-3
 MISS_TOLERANCE_V = 10e-3
 CHECKS_PER_GAP = 50
 Values = Float[np.ndarray, "points"]
+Ends = Float[np.ndarray, "5 2"]
 
 
 @dataclass(frozen=True, repr=False)
@@ -133,14 +135,14 @@ def fit_curve(soc: Values, voltage_v: Values, fit: OcvFit) -> Curve:
     raise InputError(f"no OCV fit is called {fit!r}; there are polynomial, interpolated")
 
 
-def curve_warnings(curve: AbstractCurve, branch: str | None) -> list[Notice]:
+def curve_warnings(curve: AbstractCurve, branch: str | None) -> Iterator[Notice]:
     """Warnings where the curve falls with SOC, leaves the range of its points or misses them.
 
     `branch` is its name, if it has one. An OCV rises with SOC; what falls between good points
     is the fit, not the cell.
     """
     fit = "polynomial" if isinstance(curve, PolynomialCurve) else "interpolated"
-    faults: list[dict[str, Any]] = []
+    own = {"branch": branch, "fit": fit}
     inside = np.linspace(curve.soc[:-1], curve.soc[1:], CHECKS_PER_GAP, endpoint=False, axis=1)
     grid = np.append(inside, curve.soc[-1])
     voltage_v = curve(grid)
@@ -149,7 +151,8 @@ def curve_warnings(curve: AbstractCurve, branch: str | None) -> list[Notice]:
     if fall_v[worst] > FALL_TOLERANCE_V:
         top = int(np.argmax(voltage_v[:worst]))
         at = {"from_soc": grid[top], "to_soc": grid[worst]}
-        faults.append({"fault": "falls", "fault_v": fall_v[worst], **at})
+        fault = {"fault": "falls", "fault_v": fall_v[worst]}
+        yield Notice("ocv-curve.fit", {**fault, **at, **own})
     left_v, right_v = curve.voltage_v[:-1], curve.voltage_v[1:]
     margin_v = np.abs(right_v - left_v) + OVERSHOOT_TOLERANCE_V
     between_v = voltage_v[:-1].reshape(len(left_v), CHECKS_PER_GAP)
@@ -159,14 +162,13 @@ def curve_warnings(curve: AbstractCurve, branch: str | None) -> list[Notice]:
     gap = int(np.argmax(beyond_v - margin_v))
     if beyond_v[gap] > margin_v[gap]:
         at = {"from_soc": curve.soc[gap], "to_soc": curve.soc[gap + 1]}
-        faults.append({"fault": "overshoots", "fault_v": beyond_v[gap], **at})
+        fault = {"fault": "overshoots", "fault_v": beyond_v[gap]}
+        yield Notice("ocv-curve.fit", {**fault, **at, **own})
     errors_v = np.abs(curve.errors_v)
     missed = int(np.argmax(errors_v))
     if errors_v[missed] > MISS_TOLERANCE_V:
-        at = {"soc": curve.soc[missed]}
-        faults.append({"fault": "misses", "fault_v": errors_v[missed], **at})
-    of_curve = {"branch": branch, "fit": fit}
-    return [Notice("ocv-curve.fit", {**fault, **of_curve}) for fault in faults]
+        fault = {"fault": "misses", "fault_v": errors_v[missed], "soc": curve.soc[missed]}
+        yield Notice("ocv-curve.fit", {**fault, **own})
 
 
 KNOTS = np.array([0.0, 0.1, 0.35, 0.75, 0.95, 1.0])
@@ -253,7 +255,7 @@ def _locate(soc: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return segment, (inside - KNOTS[segment]) / (KNOTS[segment + 1] - KNOTS[segment])
 
 
-def _continuous_ends(soc: Values, hysteresis_v: Values) -> Float[np.ndarray, "5 2"]:
+def _continuous_ends(soc: Values, hysteresis_v: Values) -> Ends:
     shares = hats(soc, KNOTS) @ np.eye(5)[NODE_AT_KNOT]
     ties = TIE * np.diff(np.eye(5), axis=0)
     matrix = np.concatenate([shares, ties])
@@ -263,9 +265,7 @@ def _continuous_ends(soc: Values, hysteresis_v: Values) -> Float[np.ndarray, "5 
     return np.stack([at_knots_v[:-1], at_knots_v[1:]], axis=1)
 
 
-def _independent_ends(
-    soc: Values, hysteresis_v: Values, continuous_v: Float[np.ndarray, "5 2"]
-) -> Float[np.ndarray, "5 2"]:
+def _independent_ends(soc: Values, hysteresis_v: Values, continuous_v: Ends) -> Ends:
     segment, fraction = _locate(np.asarray(soc))
     ends_v = continuous_v.copy()
     for index in range(len(ends_v)):

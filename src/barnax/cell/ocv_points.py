@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -18,7 +18,6 @@ from ..records.quantities import CELL_RANGE_V
 from ..records.record import MINIMUM_REST_S, SETTLED_V, Record, Rest, Segments, is_long, runs
 from ..records.scale import of_one_cell
 from ..records.table import Lines, found_at, take_lines
-from ..settings import AutoHold, AutoSign
 from .soc_axis import CHARGE, DISCHARGE, WORD, OcvPoint, Sweep
 
 MINIMUM_POINTS = 4
@@ -99,18 +98,10 @@ def _is_test(rested: list[Sweep], slow: list[Sweep]) -> bool:
 
 
 def _ignored(used: Sweep, ignored: Sweep) -> Notice:
-    return Notice(
-        "ocv-test.other-ignored",
-        {
-            "source": ignored.source,
-            "direction": WORD[ignored.direction],
-            "ignored": ignored.kind,
-            "first_row": ignored.points[0].row,
-            "last_row": ignored.points[-1].row,
-            "passed_ah": ignored.passed_ah,
-            "used": used.kind,
-        },
-    )
+    values = {"source": ignored.source, "direction": WORD[ignored.direction]}
+    values |= {"ignored": ignored.kind, "first_row": ignored.points[0].row}
+    values |= {"last_row": ignored.points[-1].row, "passed_ah": ignored.passed_ah}
+    return Notice("ocv-test.other-ignored", values | {"used": used.kind})
 
 
 def find_rest_sweeps(segments: Segments) -> list[Sweep] | str:
@@ -326,10 +317,9 @@ def read_ocv_table(source: str | Path | Source) -> OcvTable:
     if "discharge OCV" in columns or "charge OCV" in columns:
         columns.pop("OCV", None)
     lines = take_lines(source.table, columns)
-    voltages = {name: lines.values[name] for name in columns if name != "SOC"}
-    lines = lines.having(
-        **{name: of_one_cell(voltage_v, source.series) for name, voltage_v in voltages.items()}
-    )
+    voltages = [name for name in columns if name != "SOC"]
+    of_one = {name: of_one_cell(lines.values[name], source.series) for name in voltages}
+    lines = lines.having(**of_one)
     assumed = [column.header for column in columns.values() if column.is_unit_assumed]
     taken = [{"column": name, "unit": "V"} for name in assumed]
     scale = 1.0
@@ -367,18 +357,10 @@ def _branch(file: str, lines: Lines, name: str, scale: float) -> tuple[OcvPoint,
     return tuple(points)
 
 
-def read_ocv_test(
-    source: str | Path | Source,
-    *,
-    current_sign: AutoSign = "auto",
-    current_hold: AutoHold = "auto",
-    voltage_lag: float | None = None,
-) -> Record | OcvTable:
-    """The OCV test in a file: a table of OCV over SOC, else a record."""
+def read_ocv_test(source: str | Path | Source, **reading: Any) -> Record | OcvTable:
+    """The OCV test in a file: a table of OCV over SOC, else a record, read as by `read_record`."""
     if not isinstance(source, Source):
         source = read_source(source)
     if source.table.header.is_ocv_table:
         return read_ocv_table(source)
-    return read_record(
-        source, current_sign=current_sign, current_hold=current_hold, voltage_lag=voltage_lag
-    )
+    return read_record(source, **reading)

@@ -169,14 +169,11 @@ class CircuitParameters(Brief):
             raise InputError(f"a circuit has {needed}; {given}")
         rows = {OHMIC: r0_ohm} | dict(zip((own.resistance for own in names), r_ohm, strict=True))
         rows |= {OCV_CORRECTION: ocv_correction_v, HALF_HYSTERESIS: half_hysteresis_v}
+        tables = {name: tuple(map(float, row)) for name, row in rows.items() if row is not None}
         scales = dict(zip((own.tau for own in names), map(float, tau_s), strict=True))
-        return cls(
-            {name: tuple(map(float, row)) for name, row in rows.items() if row is not None},
-            scales | ({} if gamma is None else {RATE: float(gamma)}),
-            tuple(map(float, nodes)),
-            tuple(map(bool, visited)),
-            dependence,
-        )
+        scales |= {} if gamma is None else {RATE: float(gamma)}
+        at = tuple(map(float, nodes))
+        return cls(tables, scales, at, tuple(map(bool, visited)), dependence)
 
     @cached_property
     def elements(self) -> tuple[str, ...]:

@@ -279,6 +279,5 @@ def spans_both_ends(sweeps: Mapping[int, Sweep]) -> bool:
     A slow sweep does; so do two directions that close and each stop at a cut-off, one at empty and
     one at full.
     """
-    return _main(sweeps).kind == "slow" or (
-        _agree(sweeps, CLOSURE) and all(sweep.stops_at_cutoff for sweep in sweeps.values())
-    )
+    are_whole = all(sweep.stops_at_cutoff for sweep in sweeps.values())
+    return _main(sweeps).kind == "slow" or (_agree(sweeps, CLOSURE) and are_whole)

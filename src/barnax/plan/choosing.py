@@ -108,12 +108,10 @@ def _decide(draft: Draft, tests: Files, others: Files) -> Plan:
     """The plan of files of which some have their role given."""
     # Given files come first.
     given = (*tests, *others)
-    for file in draft.files:
-        if file.refusal:
-            draft.take(file, "not used", file.refusal.removeprefix(f"{file.name}: "))
+    refused = [file for file in draft.files if file.refusal]
+    draft.leave({file: file.refusal.removeprefix(f"{file.name}: ") for file in refused})
     copies = copies_of(draft.free, given)
-    for file, same in copies.items():
-        draft.take(file, "not used", same.what)
+    draft.leave({file: same.what for file, same in copies.items()})
     free = [file for file in draft.free if file not in given]
     # Of a folder copies are left out; what was given to validate on is meant.
     doubled = [file for file in others if file in copies] or ([] if free else [*copies])
@@ -123,8 +121,7 @@ def _decide(draft: Draft, tests: Files, others: Files) -> Plan:
         draft.take(file, "validation", "given")
     for file in tests:
         draft.take(file, "OCV test", "given")
-    for file, why in ({} if tests else of_other_cells(free, draft.given_ah)).items():
-        draft.take(file, "not used", why)
+    draft.leave({} if tests else of_other_cells(free, draft.given_ah))
     free = draft.free
     records = [file for file in free if file.serves("identification")]
     # An OCV test with enough pulses is a record too where there is no other.
@@ -216,8 +213,7 @@ def _without_test(draft: Draft, group: Files) -> Files:
 def _without_record(draft: Draft, free: Files) -> Plan:
     """A plan that has nothing to identify on, nor an OCV test."""
     given_ah = draft.given_ah
-    for file in free:
-        draft.take(file, "not used", why_useless(file, given_ah))
+    draft.leave({file: why_useless(file, given_ah) for file in free})
     is_too_large = any(one.missing_for(given_ah) and not one.missing_for(None) for one in free)
     remedy = "check `capacity`" if is_too_large else MAKE_RECORD
     return Plan("identify", draft.parts(), missing=NO_RECORD + remedy)
@@ -242,9 +238,8 @@ def _runnable(draft: Draft, group: Files, choice: OcvChoice, is_pulsed: bool) ->
     # An OCV test that is cut short may hold less than a record, but not by so much.
     max_ah = math.inf if choice.capacity_ah else _ANOTHER * choice.cell.capacity_ah
     if within := [file for file in runs if file.traits.span_ah <= max_ah]:
-        for file in runs:
-            if file not in within:
-                draft.take(file, "not used", why_useless(file, choice.cell.capacity_ah))
+        beyond = [file for file in runs if file not in within]
+        draft.leave({file: why_useless(file, choice.cell.capacity_ah) for file in beyond})
         runs = within
     widest_ah = max((file.traits.reach_ah for file in runs), default=0.0)
 
@@ -281,8 +276,7 @@ def _choose_validation(draft: Draft, record: CandidateFile, others: Files) -> No
     which = "the same profile again" if file.is_like(record) else "another profile"
     draft.take(file, "validation", f"{which}: {words_of(draft, file)}")
     reason = "equally suitable; add it with `validate` to validate on it too"
-    for file in others:
-        draft.take(file, "not used", reason)
+    draft.leave(dict.fromkeys(others, reason))
 
 
 def _take_others(draft: Draft, others: Files, capacity_ah: float) -> None:

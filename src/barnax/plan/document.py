@@ -105,10 +105,8 @@ class Plan(Brief):
         """Every file as a result keeps it; none where the roles were given."""
         if not any(part.reason for part in self.parts):
             return ()
-        names = ("name", "role", "kind", "reason", "temperature_degc", "plans_soc")
-        return tuple(
-            PlannedFile(**{name: getattr(part, name) for name in names}) for part in self.parts
-        )
+        read = PlannedFile.model_validate
+        return tuple(read(part, from_attributes=True) for part in self.parts)
 
     @property
     def on_one(self) -> "Plan":
@@ -138,9 +136,8 @@ class Plan(Brief):
         for part in self.parts:
             own = window_of(windows, part.name)
             if part.is_simulated or (part.role == "OCV test" and part.name in windows):
-                part = replace(part, window=merged(part.window, own))
-            if part.is_simulated and own.initial_soc is not None:
-                part = replace(part, plans_soc=False)
+                plans_soc = part.plans_soc and own.initial_soc is None
+                part = replace(part, window=merged(part.window, own), plans_soc=plans_soc)
             parts.append(part)
         given = {name: value for name, value in options.items() if value is not None}
         return replace(
@@ -233,11 +230,10 @@ def _table(part: Part, common: Mapping[str, Any]) -> dict[str, Any]:
     starts = [option for option, name in _FIELD_OF.items() if name in START]
     if all(own.get(option) == common.get(option) for option in starts):
         own = {option: value for option, value in own.items() if value != common.get(option)}
-    findings = {name: getattr(part, name) for name in _FINDINGS}
+    found = ((name, getattr(part, name)) for name in _FINDINGS)
     # 0 degC is told.
-    return (
-        table | own | {n: v for n, v in findings.items() if v not in (None, "") and v is not False}
-    )
+    findings = {name: v for name, v in found if v not in (None, "") and v is not False}
+    return table | own | findings
 
 
 def _known(window: Window) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 are copies, or of other cells, by folders and by what tests hold."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise, permutations
 from pathlib import Path
@@ -48,6 +49,11 @@ class Draft:
         """Settle a file's role, unless it is settled; what is simulated has its window then."""
         window = self.window(file) if role in SIMULATED else Window()
         self.taken.setdefault(file, (role, reason, window))
+
+    def leave(self, reasons: Mapping[CandidateFile, str]) -> None:
+        """Settle that files are not used, each with the reason."""
+        for file, reason in reasons.items():
+            self.take(file, "not used", reason)
 
     def take_tests(self, choice: OcvChoice) -> None:
         """Settle the files of an OCV test."""
@@ -123,15 +129,13 @@ def copies_of(files: Files, given: Files) -> dict[CandidateFile, Notice]:
 
     What was given is kept, and of a record and a part of it the longer one.
     """
-    copies: dict[CandidateFile, Notice] = {}
+    copies: dict[CandidateFile, tuple[str, str]] = {}
     first_of: dict[tuple[object, ...], CandidateFile] = {}
     for file in sorted(files, key=lambda one: one not in given):
         # A record that came from no file is only like itself.
         source = (file.source.sha256, file.source.span_s) if file.source else (id(file),)
         if (same := first_of.setdefault(source, file)) is not file:
-            copies[file] = Notice(
-                "role.given-twice", {"same": "bytes", "other": same.name}, file.name
-            )
+            copies[file] = "bytes", same.name
     unlike: list[Content] = []
     records = [file for file in files if file not in copies and file.is_record]
     for file in sorted(records, key=lambda one: (one not in given, -one.record.samples)):
@@ -140,11 +144,11 @@ def copies_of(files: Files, given: Files) -> dict[CandidateFile, Notice]:
         if alike is None:
             unlike.append(content)
         else:
-            other = alike.record.name
-            copies[file] = Notice(
-                "role.given-twice", {"same": "samples", "other": other}, file.name
-            )
-    return copies
+            copies[file] = "samples", alike.record.name
+    return {
+        file: Notice("role.given-twice", {"same": same, "other": other}, file.name)
+        for file, (same, other) in copies.items()
+    }
 
 
 def of_other_cells(files: Files, given_ah: float | None) -> dict[CandidateFile, str]:
@@ -229,8 +233,7 @@ def _is_other(smaller: CandidateFile, larger: CandidateFile) -> bool:
     for test in (smaller, larger):
         volts = [point.voltage_v for sweep in test.traits.sweeps for point in sweep.points]
         spans_v.append(max(volts) - min(volts))
-    is_alike = min(spans_v) >= _SAME_RANGE * max(spans_v) and is_same_degc(
-        smaller.temperature_degc, larger.temperature_degc
-    )
+    is_alike = is_same_degc(smaller.temperature_degc, larger.temperature_degc)
+    is_alike &= min(spans_v) >= _SAME_RANGE * max(spans_v)
     times = _SAME_CELL if is_alike else 1 / LEAST_SHARE
     return _passed_ah(larger) > times * _passed_ah(smaller)

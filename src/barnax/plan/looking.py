@@ -193,11 +193,9 @@ def _checked(file: CandidateFile) -> CandidateFile:
     roles = {role.name: role for role in check.roles}
     if check.traits is None and roles:
         return replace(file, roles=roles)
-    worst = next(iter(check.findings), None)
-    if worst is not None and (worst.severity == "error" or check.traits is None):
-        return replace(file, refusal=str(worst.about(file.name)))
-    if check.traits is None:
-        return replace(file, refusal=f"{file.name}: holds too few samples that can be read")
+    # Findings stand by severity, and what has no samples to look at has one that says so.
+    if check.traits is None or any(finding.severity == "error" for finding in check.findings):
+        return replace(file, refusal=str(check.findings[0].about(file.name)))
     warnings = sum(finding.counts for finding in check.findings)
     return replace(file, traits=check.traits, roles=roles, warnings=warnings)
 

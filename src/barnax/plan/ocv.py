@@ -129,10 +129,11 @@ def _rank(tests: Files, max_ah: float) -> tuple:
     others, tests of their own before pulse tests, rests before slow sweeps, and many points before
     few."""
     sweeps = _sweeps(tests)
+    passed_ah = [sweep.passed_ah for sweep in sweeps] or [0.0]
     return (
         _hole_ah(sweeps, max_ah) > _HOLE * max_ah,
         -len(_directions(tests)),
-        not _closes(sweeps),
+        min(passed_ah) < (1 - CAPACITY_WARNING) * max(passed_ah),
         # A table comes last: it has no charge.
         not sweeps,
         any(test.kind(None) == "pulse test" for test in tests),
@@ -152,12 +153,6 @@ def _hole_ah(sweeps: Sequence[Sweep], max_ah: float) -> float:
     if len({sweep.direction for sweep in sweeps}) == 1:
         gaps_ah.append(max_ah - sum(sweep.passed_ah for sweep in sweeps))
     return max(gaps_ah)
-
-
-def _closes(sweeps: Sequence[Sweep]) -> bool:
-    """True if both directions passed about the same charge."""
-    passed_ah = [sweep.passed_ah for sweep in sweeps]
-    return not passed_ah or min(passed_ah) >= (1 - CAPACITY_WARNING) * max(passed_ah)
 
 
 def _sweeps(tests: Files) -> list[Sweep]:

@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 
-from ..cell import CellModel, OcvPoint, characterize_over_temperature
+from ..cell import CellModel, characterize_over_temperature
 from ..cell.model import REFERENCE_DEGC, group_near
 from ..errors import InputError
 from ..inputs import (
@@ -62,16 +62,11 @@ def plan_of(job: Job) -> Plan | None:
 
 def plan_given(job: Job, command: Literal["identify", "hppc"]) -> Plan:
     """The files of a job whose roles are given already, as a plan."""
-    given: dict[Use, list[Any]] = {
-        "identification": listed(job.records),
-        "OCV test": listed(job.ocv),
-        "validation": listed(job.validate),
-    }
-    names = file_names([path for several in given.values() for path in several])
-    parts = tuple(
-        Part(Path(path), names[Path(path)], role) for role, paths in given.items() for path in paths
-    )
-    return Plan(command, parts)
+    files: dict[Use, Any] = {"identification": job.records, "OCV test": job.ocv}
+    files["validation"] = job.validate
+    given = [(Path(path), role) for role, several in files.items() for path in listed(several)]
+    names = file_names([path for path, _ in given])
+    return Plan(command, tuple(Part(path, names[path], role) for path, role in given))
 
 
 def with_choices(found: Plan, job: Job) -> Plan:
@@ -103,18 +98,14 @@ def planned(found: Plan, job: Asked) -> Asked:
     found = found.changed(job.window, capacity=job.capacity)
     chosen = {name: value for name, value in job.chosen.items() if name != "capacity"}
     job = type(job)(**{**found.options, **chosen})
-    windows = {
-        part.name: part.window
-        for part in found.parts
+    # Windows for names that are not simulated are refused further on.
+    windows = {**windows_by_name(job.window), "": found.window}
+    for part in found.parts:
         # Of an OCV test its temperature counts.
-        if part.is_simulated or part.window.temperature_degc is not None
-    }
-    job = job.changed(
-        records=_sources(found, "identification", job),
-        ocv=_sources(found, "OCV test", job),
-        # Windows for names that are not simulated are refused further on.
-        window={**windows_by_name(job.window), "": found.window, **windows},
-    )
+        if part.is_simulated or part.window.temperature_degc is not None:
+            windows[part.name] = part.window
+    records, tests = (_sources(found, role, job) for role in ("identification", "OCV test"))
+    job = job.changed(records=records, ocv=tests, window=windows)
     if found.command == "hppc":
         job = prepare_pulse_tests(job)
     return job.changed(validate=_sources(found, "validation", job))
@@ -206,12 +197,10 @@ def _own_window(test: _Test, cell: CellModel | None, chosen: Mapping[str, Window
     window = window_of(chosen, record.name)
     if window.start_time_s is not None or window.start_after_step is not None:
         return window
-    if cell is not None:
-        cell = cell.at(temperature_of(record, window))
-    branches = () if cell is None else (*cell.charge_points, *cell.discharge_points)
-    points = [point for point in branches if point.source == record.name]
+    cell = None if cell is None else cell.at(temperature_of(record, window))
+    points = [point for point in cell.points if point.source == record.name] if cell else []
     if cell is not None and points:
-        first: OcvPoint = min(points, key=lambda point: point.row)
+        first = min(points, key=lambda point: point.row)
         at = int(np.searchsorted(record.row, first.row))
         begun = replace(window, start_time_s=float(record.time_s[at]))
         if window.initial_soc is None:

@@ -242,8 +242,8 @@ def is_clock(cells: pl.Series) -> bool:
 
 
 def _looks_dated(text: pl.Series) -> bool:
-    first = text.drop_nulls().head(1).to_list()
-    return bool(first) and bool(re.match(r"\s*\d+[-/.]([A-Za-z]+|\d+)[-/.]\d+", first[0]))
+    first = text.drop_nulls().head(1)
+    return bool(first.str.contains(r"^\s*\d+[-/.]([A-Za-z]+|\d+)[-/.]\d+").any())
 
 
 def is_local_date(cells: pl.Series, column: Column) -> bool:
@@ -255,17 +255,9 @@ def is_local_date(cells: pl.Series, column: Column) -> bool:
     return not cells.head(1).str.strip_chars().str.contains(_ZONE).any()
 
 
-_DAYS = (
-    "%Y-%m-%d",
-    "%Y/%m/%d",
-    "%m/%d/%Y",
-    "%d/%m/%Y",
-    "%d.%m.%Y",
-    "%d-%m-%Y",
-    # Four digits read as two leave a rest; two read as four are of the year 24.
-    "%d-%b-%y",
-    "%d-%b-%Y",
-)
+# Four digits read as two leave a rest; two read as four are of the year 24.
+_NAMED_MONTHS = "%d-%b-%y", "%d-%b-%Y"
+_DAYS = ("%Y-%m-%d", "%Y/%m/%d", "%m/%d/%Y", "%d/%m/%Y", "%d.%m.%Y", "%d-%m-%Y", *_NAMED_MONTHS)
 _TIMES = ("%H:%M:%S%.f", "%I:%M:%S%.f %p", "%H:%M", "%I:%M %p", "")
 
 

@@ -51,22 +51,24 @@ def examine_clock(samples: Samples) -> Samples:
             told = {"time_s": samples.time_s[first], "rows": strays.sum()}
             told |= {"beside_s": samples.time_s[first - 1 if first else 1]}
             samples = samples.telling(first, "clock.stray", **told).keep(~strays)
-    time = samples.time_s
-    falls = np.flatnonzero(np.diff(time) < 0)
+    time, interval_s = samples.time_s, samples.intervals_s
+    falls = np.flatnonzero(interval_s < 0)
     if not len(falls):
         return samples
     at = int(falls[0]) + 1
     files = "several" if samples.table.files > 1 else None
     given = {"before_s": time[at - 1], "after_s": time[at], "times": len(falls), "files": files}
-    fall_s = time[falls] - time[falls + 1]
-    is_midnight = bool(np.all(np.abs(fall_s - DAY_S) < 0.01 * DAY_S))
+    is_midnight = bool(np.all(np.abs(-interval_s[falls] - DAY_S) < 0.01 * DAY_S))
     is_shuffled = not is_midnight and _is_shuffled(time, len(falls))
     cause = "midnight" if is_midnight else "shuffled" if is_shuffled else "restart"
     given |= {"cause": cause, "column": samples.header("time")}
     samples = samples.telling(at, "clock.falls", **given)
     if is_shuffled:
         return samples.keep(np.argsort(time, kind="stable"))
-    return samples.having(time=_running_on(time))
+    # An ordinary interval stands where it fell.
+    usual_s = float(np.median(interval_s[interval_s > 0])) if np.any(interval_s > 0) else 1.0
+    passed_s = np.cumsum(np.where(interval_s < 0, usual_s, interval_s))
+    return samples.having(time=np.concatenate([time[:1], time[0] + passed_s]))
 
 
 def _without_zeros(samples: Samples) -> Samples:
@@ -191,10 +193,8 @@ def _by_counter(samples: Samples) -> Samples:
         if not np.all(np.diff(count[order]) == 1) or np.all(np.diff(order) == 1):
             continue
         if np.sum(np.diff(samples.time_s[order]) < 0) <= _FEW * falls:
-            name = samples.table.header.names[index]
-            return samples.keep(order).noting(
-                Notice("clock.ordered", {"by": "count", "places": falls, "column": name})
-            )
+            given = {"by": "count", "places": falls, "column": samples.table.header.names[index]}
+            return samples.keep(order).noting(Notice("clock.ordered", given))
     if falls > _SLIPS and falls >= (1 - _FEW) * len(samples.intervals_s):
         return samples.keep(np.arange(len(samples))[::-1]).noting(
             Notice("clock.ordered", {"by": "reversal"})
@@ -294,14 +294,6 @@ def _is_shuffled(time: Clock, falls: int) -> bool:
     return int(np.sum(np.diff(piece) != 0)) <= 3 * falls + 2
 
 
-def _running_on(time: Clock) -> Clock:
-    """The clock with an ordinary interval where it fell."""
-    interval = np.diff(time)
-    usual = float(np.median(interval[interval > 0])) if np.any(interval > 0) else 1.0
-    passed = np.cumsum(np.where(interval < 0, usual, interval))
-    return np.concatenate([time[:1], time[0] + passed])
-
-
 # Two samples of one time stamp that differ by no more are one sample, logged twice.
 _SAME_VOLTAGE_V, _SAME_CURRENT_SHARE = 2e-3, 0.02
 # Past this share of stamps with two different values the clock is printed with too few digits.
@@ -355,15 +347,11 @@ def examine_repeats(samples: Samples) -> Samples:
     is_any = is_near | is_other
     in_a_row = (is_other[1:] & is_any[:-1]) | (is_any[1:] & is_other[:-1])
     others, at = int(is_other.sum()), int(np.argmax(is_other)) + 1
-    given = {
-        "time_s": samples.time_s[at],
-        # Adding zero turns a resting tester's -0 into 0.
-        "first_a": samples.current_a[at - 1] + 0.0,
-        "first_v": samples.voltage_v[at - 1],
-        "second_a": samples.current_a[at] + 0.0,
-        "second_v": samples.voltage_v[at],
-        "rows": others,
-    }
+    # Adding zero turns a resting tester's -0 into 0.
+    first_a, second_a = samples.current_a[at - 1 : at + 1] + 0.0
+    first_v, second_v = samples.voltage_v[at - 1 : at + 1]
+    given = {"time_s": samples.time_s[at], "first_a": first_a, "first_v": first_v}
+    given |= {"second_a": second_a, "second_v": second_v, "rows": others}
     if in_a_row.sum() > max(_SLIPS, _FEW * len(samples)) or np.mean(is_other) > _COARSE:
         mean = len(samples) / len(np.unique(samples.time_s))
         told = samples.telling(at, "repeats.differ", **given, rows_a_stamp=mean)

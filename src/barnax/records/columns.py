@@ -75,7 +75,7 @@ def unit_of(quantity: Quantity, text: str) -> Unit | None:
     return quantity.units.get(spelled) or quantity.units.get(spelled.rstrip("."))
 
 
-def _with_its_unit(index: int, name: str, quantity: Quantity) -> Column:
+def in_its_unit(index: int, name: str, quantity: Quantity) -> Column:
     """The column with the unit in brackets or behind a slash at its name's end, if any."""
     stated = re.search(r"[/\[(]\s*([^/\[\]()]*?)\s*[\])]?\s*$", normal(name))
     unit = unit_of(quantity, stated[1]) if stated else None
@@ -124,9 +124,8 @@ def names_cell_voltage(name: str) -> bool:
     others = (alias for quantity in QUANTITIES for alias in (*quantity.aliases, *quantity.foreign))
     if any(word in plain for word in others if len(word) > 3 and word not in voltage.aliases):
         return False
-    return bool(
-        re.search("cell|zell|celda|单体", plain) or _CELLS & set(re.split("[^a-z]+", plain))
-    )
+    letters = set(re.split("[^a-z]+", plain))
+    return bool(_CELLS & letters or re.search("cell|zell|celda|单体", plain))
 
 
 @dataclass(frozen=True)
@@ -242,7 +241,7 @@ class Header:
         Without a unit, the one at the end of the name holds, or the quantity's own.
         """
         if fitting := self.fitting(given):
-            return _with_its_unit(fitting[0], self.names[fitting[0]], quantity)
+            return in_its_unit(fitting[0], self.names[fitting[0]], quantity)
         name, _, spelled = given.rpartition(":")
         unit, fitting = unit_of(quantity, spelled), self.fitting(name)
         if not (name and unit and fitting):
@@ -270,7 +269,7 @@ class Header:
             words = re.split(r"[\[(/]", plain)[0].strip()
             is_inside = any(word in plain for word in (*long, *quantity.foreign))
             if is_inside or difflib.get_close_matches(words, long, 1, 0.7):
-                likely.append(_with_its_unit(index, self.names[index], quantity))
+                likely.append(in_its_unit(index, self.names[index], quantity))
         return likely
 
     def with_units(self, below: Sequence[str]) -> "Header":
@@ -278,21 +277,17 @@ class Header:
         units = [cell.strip("[]()") for cell in below]
         units += [""] * (len(self.names) - len(units))
         columns = {column.index: column for column in self.columns.values()}
-        spelled = [
-            (column, unit_of(column.quantity, units[index]))
-            for index, column in columns.items()
-            if units[index] and column.quantity.name in NEEDED
-        ]
+        needed = [column for column in columns.values() if column.quantity.name in NEEDED]
+        below_it = ((column, units[column.index]) for column in needed)
+        spelled = [(column, unit_of(column.quantity, text)) for column, text in below_it if text]
         agree = (unit and (own.is_unit_assumed or unit == own.unit) for own, unit in spelled)
         if not spelled or not all(agree):
             return self
-        stated = {index for index, column in columns.items() if not column.is_unit_assumed}
-        names = (
-            name
-            if index in stated or not any(unit_of(quantity, unit) for quantity in QUANTITIES)
-            else f"{name} [{unit}]"
-            for index, (name, unit) in enumerate(zip(self.names, units, strict=False))
-        )
+        names = list(self.names)
+        for index, unit in enumerate(units[: len(names)]):
+            is_stated = index in columns and not columns[index].is_unit_assumed
+            if not is_stated and any(unit_of(quantity, unit) for quantity in QUANTITIES):
+                names[index] += f" [{unit}]"
         return Header(tuple(names), self.given)
 
 

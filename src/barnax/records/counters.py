@@ -64,13 +64,10 @@ class Counters:
         None without counters. `with_net` accepts a net counter where the other two are missing;
         its sign is then the file's own.
         """
-        parts = []
-        if self.charged_ah is not None:
-            parts.append(np.maximum(np.diff(self.charged_ah), 0))
-        if self.discharged_ah is not None:
-            parts.append(-np.maximum(np.diff(self.discharged_ah), 0))
+        counters = (self.charged_ah, 1), (self.discharged_ah, -1)
+        parts = [way * np.maximum(np.diff(own), 0) for own, way in counters if own is not None]
         if not parts and with_net and self.net_ah is not None:
-            parts.append(np.diff(self.net_ah))
+            parts = [np.diff(self.net_ah)]
         return reduce(np.add, parts) if parts else None
 
     def magnitudes_ah(self) -> Increments | None:
@@ -169,9 +166,8 @@ def skipped_ah(charge_ah: Charge, held_ah: Increments, max_ah: Increments) -> In
     # What it counts at once is of all the time for which it stood still.
     moved = np.where(moving_ah > 0, np.arange(1, len(moving_ah) + 1), 0)
     since = np.append(0, np.maximum.accumulate(moved)[:-1])
-    excess_ah = np.clip(
-        apart_ah[1:] - apart_ah[since], np.minimum(own_ah, 0), np.maximum(own_ah, 0)
-    )
+    low_ah, high_ah = np.minimum(own_ah, 0), np.maximum(own_ah, 0)
+    excess_ah = np.clip(apart_ah[1:] - apart_ah[since], low_ah, high_ah)
     is_far = (np.abs(excess_ah) > least_ah) & (moving_ah > 0) & (moving_ah <= max_ah)
     found_ah = np.zeros_like(held_ah)
     for place in np.flatnonzero(is_far).tolist():

@@ -24,7 +24,7 @@ from .counters import inner
 from .lag import lagged
 from .logger import SOMETIMES, Decision, Logger, SamplingEvidence, SlowRows
 from .record import Record
-from .samples import SLOW_S, Samples, changes_through_values_between
+from .samples import STEADY_SHARE, Samples, changes_through_values_between
 
 Increments = Float[np.ndarray, "intervals"]
 Rows = Float[np.ndarray, "rows"]
@@ -40,6 +40,9 @@ _AT_ONE = {"fewest": 1, "margin": 0.2}
 _AGREEING = 0.8
 # The share of intervals that may hold a fall of a counter that was not seen as one.
 _FALLS = 0.05
+# A log is slow from this interval on. A current differs from a neighbor by this share of the
+# largest.
+_SLOW_S, _ALONE_SHARE = 2.5, 0.05
 
 
 def decide_hold(evidence: SamplingEvidence, given: AutoHold, logger: Logger | None) -> Decision:
@@ -199,9 +202,13 @@ _BLOCK, _SHARES = 64, np.concatenate([[0.0], np.geomspace(1e-3, 1e2, 40)])
 
 def slow_rows(samples: Samples) -> SlowRows | None:
     """What a slow record shows of its rows; None where its load seldom changes from row to row."""
-    if samples.interval_s < SLOW_S:
+    if samples.interval_s < _SLOW_S:
         return None
-    loaded, alone = samples.alone
+    # Samples under load, and those of them whose current differs from both neighbors'.
+    is_changed = np.abs(samples.step_a) > _ALONE_SHARE * samples.peak_a
+    is_loaded = np.abs(samples.current_a[1:-1]) > STEADY_SHARE * samples.peak_a
+    is_alone = is_changed[1:] & is_changed[:-1] & is_loaded
+    loaded, alone = int(np.sum(is_loaded)), int(np.sum(is_alone))
     through = changes_through_values_between(samples.current_a)
     if not through and alone <= SOMETIMES * loaded:
         return None

@@ -1,44 +1,40 @@
 """From a cycler's file or a data frame to a checked record, by rules that need no cell.
 
 Each fault is mended as far as it can be before the next rule looks, so that one fault does not
-hide another.
+hide another. A pack has one current and many cell voltages: a record of their mean, and each
+beside it.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 from functools import partial
 from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
+import polars as pl
+from jaxtyping import Float
 
-from ..errors import InputError
+from ..errors import InputError, listed
 from ..notices import Notice, raise_first_error
 from ..settings import AutoHold, AutoSign
+from . import scale
 from .clock import examine_clock, examine_repeats, merge_repeats, separate_steps
-from .column_rules import examine_columns
-from .columns import NOTHING, Header, read_columns
+from .column_rules import examine_columns, examine_twins
+from .columns import NOTHING, Header
 from .counters import skipped_ah
 from .dialects import CHARGE
 from .hold import decide_hold, evidence_of
-from .lag import aligned
+from .lag import Scan, aligned, find_scan
 from .logger import Decision
-from .quantities import NEEDED
+from .quantities import CELL_RANGE_V, NEEDED
 from .record import Record
 from .samples import Samples, samples_of
-from .scale import (
-    ask_once,
-    describe_units,
-    examine_scale,
-    examine_series,
-    examine_voltage_range,
-    examine_voltage_unit,
-)
 from .sign import decide_sign, examine_direction
 from .silence import examine_empty_current, flowing_shares
 from .source import Source, read_source, source_from_frame
-from .table import examine_cells, few_common_rows, take_lines
-from .twins import examine_twins
+from .table import FEWEST_CELLS, examine_cells, few_common_rows, take_lines
 
 # A data frame of pandas, Polars, PyArrow or another library that narwhals supports.
 Frame = Any
@@ -69,9 +65,9 @@ def examine(source: Source, capacity_ah: float | None = None) -> Examined:
     lines = examine_cells(examine_empty_current(lines.noting(*findings)))
     if not columns.keys() >= NEEDED:
         return Examined(None, None, lines.findings)
-    samples = mended = examine_series(samples_of(lines), source.series)
+    samples = mended = scale.examine_series(samples_of(lines), source.series)
 
-    judge_scale = partial(examine_scale, capacity_ah=capacity_ah)
+    judge_scale = partial(scale.examine_scale, capacity_ah=capacity_ah)
     if mended.too_short:
         # If bad cells took the samples, that has been said already.
         is_said = any(finding.severity == "error" for finding in mended.findings)
@@ -83,9 +79,9 @@ def examine(source: Source, capacity_ah: float | None = None) -> Examined:
             examine_clock,
             separate_steps,
             examine_direction,
-            examine_voltage_unit,
+            scale.examine_voltage_unit,
             judge_scale,
-            examine_voltage_range,
+            scale.examine_voltage_range,
             examine_repeats,
         ):
             mended = rule(mended)
@@ -93,8 +89,8 @@ def examine(source: Source, capacity_ah: float | None = None) -> Examined:
                 return Examined(None, None, (*mended.findings, mended.too_short))
             # The rules that follow judge the voltages, which a record keeps as they are.
             samples = mended if rule is judge_scale else samples
-        findings = ask_once(mended.findings, columns)
-        findings += describe_units(mended.columns)
+        findings = scale.ask_once(mended.findings, columns)
+        findings += scale.describe_units(mended.columns)
         findings += examine_twins(source, mended)
         is_usable = bool(mended.intervals_s.min() > 0 and mended.peak_a > 0)
     if not any(finding.severity == "error" for finding in findings):
@@ -114,7 +110,7 @@ def read_record(
     """The record in a cycler file, with discharge current positive.
 
     Args:
-        source: The file.
+        source: The file; what was read of one has its columns and cells in series already.
         current_sign: The sign of the file's current; "auto" decides from the data.
         current_hold: A sample's current flows until the next sample ("forward"), since the previous
             one ("backward"), or from half an interval before it to half an interval after it
@@ -145,11 +141,6 @@ def read_record(
             raise InputError(f"`{option}` is {value!r}; it must be one of {', '.join(allowed)}.")
     if not isinstance(source, Source):
         source = read_source(source, columns=columns, series=series)
-    elif columns or series != 1:
-        header = source.table.header
-        given = Header(header.names, read_columns(columns) or header.given)
-        table = replace(source.table, header=given)
-        source = replace(source, table=table, series=max(series, source.series))
     examined = examine(source)
     raise_first_error(examined.findings, source.name)
     samples = examined.samples
@@ -240,3 +231,100 @@ def make_record(source: Source, samples: Samples, sign: Decision, current_hold: 
         evidence=evidence,
     )
     return record if counted_ah is not None else replace(record, flowing=flowing_shares(record))
+
+
+# The column of the mean, under a name that no file has.
+MEAN = "mean of the cell voltages"
+
+
+@dataclass(frozen=True, eq=False)
+class PackRecord:
+    """A record of the mean cell voltage, and what every cell's is above it at each of its samples.
+
+    `source` is the table of the record; `left_out` are the cells whose voltages cannot be used,
+    each with the reason. `scan` has the lag of every cell where they were measured one after
+    another; the voltages are as if all had the lag of the record.
+    """
+
+    source: Source
+    record: Record
+    cells: tuple[str, ...]
+    beside_v: Float[np.ndarray, "samples cells"]
+    left_out: Mapping[str, str]
+    scan: Scan | None = None
+
+
+def read_pack(source: Source, cells: str | None = None, **reading: Any) -> PackRecord:
+    """The pack in a table with one current and several cell voltages.
+
+    Args:
+        source: The table.
+        cells: Names of the columns of cell voltages, as patterns such as "V*", with commas between
+            several; None finds them: numbered alike, and within what a cell has.
+        reading: How it is read, as `read_record` takes it.
+
+    Raises `InputError` where fewer than two cells are found, or several sets of them.
+    """
+    table = source.table
+    columns = _voltages(source, cells)
+    low_v, high_v = CELL_RANGE_V
+    left_out = {}
+    for name, cell_v in columns.items():
+        bad = np.flatnonzero(~np.isfinite(cell_v))
+        middle_v = np.median(cell_v) if len(cell_v) else np.nan
+        if len(bad):
+            left_out[name] = f"no number in {len(bad)} rows, the first row {table.row[bad[0]]}"
+        elif not low_v < middle_v < high_v:
+            left_out[name] = f"a median of {middle_v:.4g} V, which no cell has"
+    used = [name for name in columns if name not in left_out]
+    if len(used) < FEWEST_CELLS:
+        raise InputError(
+            f"{source.name}: fewer than two cells have voltages that can be used "
+            f"({'; '.join(f'{name}: {why}' for name, why in left_out.items())}); name others with "
+            "`cells`"
+        )
+    values_v = np.column_stack([columns[name] for name in used])
+    mean_v = values_v.mean(axis=1)
+    all_columns = zip(table.header.names, table.columns, strict=True)
+    others = [(name, cells) for name, cells in all_columns if name not in columns]
+    names_beside, cells_beside = zip(*others, (MEAN, pl.Series(MEAN, mean_v)), strict=True)
+    given = {**table.header.given, "voltage": f"{MEAN}:V"}
+    alone = replace(table, header=Header(names_beside, given), columns=cells_beside)
+    of_mean = replace(source, table=alone)
+    lag_s = reading.get("voltage_lag")
+    how: dict[str, Any] = {**reading, "voltage_lag": 0.0}
+    logged = read_record(of_mean, **how)
+    lines = np.searchsorted(table.row, logged.row)
+    if np.any(np.diff(table.row) <= 0) or np.any(table.row[lines] != logged.row):
+        raise InputError(f"{source.name}: its rows are not in order; give one sheet of them")
+    cells_v = values_v[lines]
+    scan = find_scan(logged, cells_v) if lag_s is None else None
+    if scan is not None:
+        cells_v, lag_s = scan.aligned_v(logged, cells_v), float(np.mean(scan.lag_s))
+    beside_v = cells_v - mean_v[lines][:, None]
+    return PackRecord(of_mean, aligned(logged, lag_s), tuple(used), beside_v, left_out, scan)
+
+
+def _voltages(source: Source, pattern: str | None) -> dict[str, Float[np.ndarray, "lines"]]:
+    """The columns of cell voltages by name, in V."""
+    header = source.table.header.names
+    if pattern is not None:
+        wanted = [part.strip() for part in pattern.split(",")]
+        names = [name for name in header if any(fnmatchcase(name, part) for part in wanted)]
+        if len(names) < FEWEST_CELLS:
+            raise InputError(
+                f"{source.name}: `cells` {pattern!r} fits {listed(names) or 'no column'}; there "
+                f"are {listed(header)}"
+            )
+        return {name: source.table.in_volts(name) for name in names}
+    sets = source.table.cell_voltages
+    if len(sets) != 1:
+        problem = "no columns of cell voltages found"
+        whole = "; for the voltage of a whole pack, identify with `series`"
+        if sets:
+            problem, whole = f"the cell voltages may be {' or '.join(map(listed, sets))}", ""
+        raise InputError(
+            f"{source.name}: {problem}; name them with `cells`, such as 'V*'{whole}; its columns "
+            f"are {listed(header)}"
+        )
+    return sets[0]

@@ -19,9 +19,6 @@ COUNTERS = ("charging capacity", "discharging capacity", "net capacity")
 # still by less than that share.
 STEP_SHARE, STEADY_SHARE = 0.1, 0.01
 _AGREEING = 0.5
-# A log is slow from this interval on. A current differs from a neighbor by this share of the
-# largest.
-SLOW_S, ALONE_SHARE = 2.5, 0.05
 # Levels of a load stand within this share of the largest current and are so far apart; so many
 # changes through a value between them, more than straight ones, are of means.
 _STEADY, _APART, _BETWEEN, _FEWEST_BETWEEN = 0.015, 0.1, (0.1, 0.9), 5
@@ -168,15 +165,6 @@ class Samples(Lines):
         return self.begun_ah if hold == "forward" else self.ended_ah
 
     @cached_property
-    def alone(self) -> tuple[int, int]:
-        """How many samples are under load, and of them have a current that differs from both
-        neighbors'."""
-        is_changed = np.abs(self.step_a) > ALONE_SHARE * self.peak_a
-        is_loaded = np.abs(self.current_a[1:-1]) > STEADY_SHARE * self.peak_a
-        is_alone = is_changed[1:] & is_changed[:-1]
-        return int(np.sum(is_loaded)), int(np.sum(is_alone & is_loaded))
-
-    @cached_property
     def is_loaded(self) -> Bool[np.ndarray, "intervals"]:
         """The intervals with a load at either end."""
         is_loaded = np.abs(self.current_a) > STEADY_SHARE * self.peak_a
@@ -188,17 +176,12 @@ class Samples(Lines):
         return _HEAVIER * self.peak_a * self.intervals_s / 3600
 
     @cached_property
-    def counted_ah(self) -> Float[np.ndarray, "samples"] | None:
-        """The tester's net charge, in the file's own sign; None without counters that count."""
-        return self.counters.charge_ah(self.ended_ah, self.is_loaded)
-
-    @cached_property
     def span_ah(self) -> float:
         """The charge between the fullest and emptiest moments, by counters that count it too."""
         # Where there are many intervals, sums of several in a row tell the same.
         starts = np.arange(0, len(self.ended_ah), 1 + len(self.ended_ah) // _ENOUGH)
         integrated_ah = float(np.ptp(np.cumsum(np.add.reduceat(self.ended_ah, starts))))
-        counted_ah = self.counted_ah
+        counted_ah = self.counters.charge_ah(self.ended_ah, self.is_loaded)
         return integrated_ah if counted_ah is None else max(integrated_ah, np.ptp(counted_ah))
 
     @cached_property

@@ -16,7 +16,7 @@ from ..settings import AutoSign
 from .counters import cosine
 from .dialects import CHARGE, DISCHARGE, Sign
 from .logger import Decision
-from .record import equal_runs, runs
+from .record import runs
 from .samples import MORE, Samples, few, voltage_noise_v
 from .table import found_at
 
@@ -126,12 +126,9 @@ def examine_direction(samples: Samples) -> Samples:
         return samples
     name = samples.header("current")
     if state is not None and np.any((current_a != 0) & ((state == 1) | (state == -1))):
-        begins, ends = equal_runs(state)
-        words = state[begins]
         # Within any other state, the state before tells.
-        told = np.maximum.accumulate(np.where(np.abs(words) == 1, np.arange(len(words)), -1))
-        directions = np.where(told >= 0, -words[told], 1)
-        direction = np.repeat(directions, ends - begins + 1)
+        last = np.maximum.accumulate(np.where(np.abs(state) == 1, np.arange(len(state)), -1))
+        direction = np.where(last >= 0, -state[last], 1)
         told = Notice("sign.by-state", {"column": name, "state": samples.header("state")})
         return samples.having(current=np.abs(current_a) * direction).noting(told)
     _, votes = step_votes(samples)

@@ -6,8 +6,9 @@ the slope of E; through a rest it relaxes the other way.
 """
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
+from .quantities import NEEDED
 from .record import Record
 from .samples import STEP_SHARE, record_resistance_ohm, step_resistance_ohm
 from .table import Lines
@@ -99,13 +100,12 @@ def gaps_in(interval_s: Float[np.ndarray, "intervals"]) -> Int[np.ndarray, "gaps
     usual_s = np.maximum(np.nanmedian(before, axis=1), np.nanmedian(after, axis=1))
     gaps = likely[interval_s[likely] > _GAP * usual_s]
     # Intervals of a length that is common elsewhere are how the tester samples.
-    alone, all_s = (np.sort(intervals_s) for intervals_s in (interval_s[gaps], interval_s))
-    counts = (
-        np.searchsorted(intervals_s, interval_s[gaps] * (1 + _ALIKE), "right")
-        - np.searchsorted(intervals_s, interval_s[gaps] * (1 - _ALIKE))
-        for intervals_s in (alone, all_s)
+    gap_s = interval_s[gaps]
+    among_gaps, among_all = (
+        np.searchsorted(sorted_s, gap_s * (1 + _ALIKE), "right")
+        - np.searchsorted(sorted_s, gap_s * (1 - _ALIKE))
+        for sorted_s in (np.sort(gap_s), np.sort(interval_s))
     )
-    among_gaps, among_all = counts
     return gaps[among_gaps > _FEW_ALIKE * among_all]
 
 
@@ -120,7 +120,13 @@ def _fall(out_ah: Float[np.ndarray, "rows"], source_v: Float[np.ndarray, "rows"]
 def examine_empty_current(lines: Lines) -> Lines:
     """The lines with a current of zero where none is written, if their voltage says that the load
     is off there: by the steps that the written current shows elsewhere."""
-    empty = _empty_current(lines)
+    if not lines.columns.keys() >= NEEDED:
+        return lines
+    column = lines.table.columns[lines.columns["current"].index]
+    nothing = column.is_null()
+    if column.dtype.is_float():
+        nothing = nothing | column.is_nan().fill_null(True)
+    empty = nothing.to_numpy()[lines.at] & ~lines.bad("time") & ~lines.bad("voltage")
     if not np.any(empty):
         return lines
     current, voltage_v = np.where(empty, 0.0, lines.values["current"]), lines.values["voltage"]
@@ -137,15 +143,3 @@ def examine_empty_current(lines: Lines) -> Lines:
         return lines
     given = {"column": lines.header("current"), "rows": np.count_nonzero(empty)}
     return lines.telling(empty, "cells.empty-current", **given).having(current=current)
-
-
-def _empty_current(lines: Lines) -> Bool[np.ndarray, "lines"]:
-    """True where nothing is written under the current, and a time and a voltage are."""
-    if not lines.columns.keys() >= {"time", "current", "voltage"}:
-        return np.zeros(len(lines), bool)
-    column = lines.table.columns[lines.columns["current"].index]
-    nothing = column.is_null()
-    if column.dtype.is_float():
-        nothing = nothing | column.is_nan().fill_null(True)
-    empty = nothing.to_numpy()[lines.at]
-    return empty & ~lines.bad("time") & ~lines.bad("voltage")

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float, Int
 from ..errors import LONGEST_CELL, cut
 from ..notices import Notice
 from .cell_values import DAY_S, dated_numbers, numbers
-from .columns import Column, Header
+from .columns import Column, Header, in_its_unit
 from .counters import inner
 from .quantities import CELL_RANGE_V, NEEDED, QUANTITY_OF
 from .record import OTHER_STATE
@@ -64,12 +64,6 @@ class Table:
         """The row in which the columns' names stand."""
         return int(self.row[0]) - 1 if len(self.row) else 1
 
-    def place(self, line: int) -> tuple[int, str | None]:
-        """The row of a line in the source, and its sheet where there are several."""
-        ends = np.cumsum([lines for _, lines in self.sheets])
-        own = self.sheets[int(np.searchsorted(ends, line, "right"))][0] if len(ends) > 1 else None
-        return int(self.row[line]), own
-
     @cached_property
     def is_impedance(self) -> Bool[np.ndarray, "lines"]:
         """The lines with a frequency, where the table has columns of impedance."""
@@ -90,9 +84,7 @@ class Table:
         if len(self.row) < _FEWEST_ROWS or not columns.keys() & {"cycle", "step"}:
             return None
         is_new = np.zeros(len(self.row) - 1, bool)
-        for name in ("cycle", "step", "state"):
-            if name not in columns:
-                continue
+        for name in [name for name in ("cycle", "step", "state") if name in columns]:
             cells = self.columns[columns[name].index]
             if name != "state" and cells.dtype.is_numeric():
                 rises = cells.cast(pl.Float64).diff().drop_nulls()
@@ -124,10 +116,9 @@ class Table:
 
     def in_volts(self, name: str) -> Float[np.ndarray, "lines"]:
         """The voltages of a column, in V or mV by their size where its name has no unit."""
-        column = self.header.named(QUANTITY_OF["voltage"], name)
-        if column is None:
-            return np.full(len(self.row), np.nan)
-        values_v = numbers(self.columns[column.index], column)
+        index = self.header.names.index(name)
+        column = in_its_unit(index, name, QUANTITY_OF["voltage"])
+        values_v = numbers(self.columns[index], column)
         known = values_v[np.isfinite(values_v)]
         if column.is_unit_assumed and len(known) and np.median(np.abs(known)) > _MILLIVOLTS:
             values_v = values_v / 1000
@@ -225,11 +216,9 @@ def take_lines(table: Table, columns: Mapping[str, Column]) -> Lines:
 
     A date that is given beside the time is the day of a time of day.
     """
-    values, zero_date_s = dict[str, np.ndarray](), None
-    for name, found in columns.items():
-        values[name], date_s = dated_numbers(table.columns[found.index], found)
-        if name == "time":
-            zero_date_s = date_s
+    dated = {name: dated_numbers(table.columns[own.index], own) for name, own in columns.items()}
+    values = {name: numbers for name, (numbers, _) in dated.items()}
+    zero_date_s = dated["time"][1] if "time" in dated else None
     if "date" in values and "time" in values:
         days_s = values.pop("date")
         zero_date_s = float(days_s[0]) if len(days_s) else None
@@ -243,9 +232,11 @@ def take_lines(table: Table, columns: Mapping[str, Column]) -> Lines:
 
 def found_at(source: Lines, place: Place, code: str, /, **values: Any) -> Notice:
     """A notice of one line, or the first of several, with the row and sheet it stands in."""
-    line = int(np.argmax(place)) if isinstance(place, np.ndarray) else place
-    row, sheet = source.table.place(int(source.at[line]))
-    return replace(Notice(code, values), row=row, sheet=sheet)
+    at = source.at[int(np.argmax(place)) if isinstance(place, np.ndarray) else place]
+    ends, sheet = np.cumsum([lines for _, lines in source.table.sheets]), None
+    if len(ends) > 1:
+        sheet, _ = source.table.sheets[int(np.searchsorted(ends, at, "right"))]
+    return replace(Notice(code, values), row=int(source.table.row[at]), sheet=sheet)
 
 
 def table_sha256(table: Table) -> str:
@@ -318,20 +309,16 @@ def examine_cells(lines: Lines) -> Lines:
         is_unread |= bad
     lines = lines.keep(is_good & ~is_unread)
     for name in ("step", "cycle", "state"):
-        values = lines.values.get(name)
-        if values is None or not len(values):
-            continue
-        is_small = values.min() > -_LARGEST_WHOLE and values.max() < _LARGEST_WHOLE
-        if is_small and np.array_equal(values, values.astype(np.int32)):
-            continue
-        told = {"reason": "fractions", "column": lines.header(name)}
-        lines = lines.without(name).noting(Notice("cells.left-out", told))
+        values = lines.values.get(name, np.zeros(0))
+        is_small = np.all(np.abs(values) < _LARGEST_WHOLE)
+        if not is_small or not np.array_equal(values, values.astype(np.int32)):
+            told = {"reason": "fractions", "column": lines.header(name)}
+            lines = lines.without(name).noting(Notice("cells.left-out", told))
     state = lines.values.get("state", np.zeros(0))
     if np.any(is_other := state == OTHER_STATE) and not np.any(np.abs(state) == 1):
-        word = str(lines.cell("state", int(is_other.argmax())))
-        lines = lines.telling(
-            is_other, "cells.state-words", column=lines.header("state"), word=word
-        )
+        given = {"column": lines.header("state")}
+        given |= {"word": str(lines.cell("state", int(is_other.argmax())))}
+        lines = lines.telling(is_other, "cells.state-words", **given)
     return lines
 
 
@@ -360,11 +347,10 @@ def _is_cut_short(lines: Lines) -> bool:
 
 def _units_row(lines: Lines) -> str:
     """The units that the first line spells under time, current and voltage, or nothing."""
-    needed = [name for name in lines.columns if name in NEEDED]
-    cells = [lines.cell(name, 0) for name in needed] if len(lines) else []
-    are_units = [
-        isinstance(cell, str)
-        and cell.strip().strip("[]()").lower() in lines.columns[name].quantity.units
-        for name, cell in zip(needed, cells, strict=False)
-    ]
+    if not len(lines):
+        return ""
+    needed = {name: column.quantity for name, column in lines.columns.items() if name in NEEDED}
+    cells = [lines.cell(name, 0) for name in needed]
+    spelled = (str(cell).strip().strip("[]()").lower() for cell in cells)
+    are_units = (cell in own.units for cell, own in zip(spelled, needed.values(), strict=True))
     return ", ".join(map(repr, cells)) if all(are_units) else ""

@@ -126,24 +126,23 @@ def _of_time(samples: Samples) -> Iterator[Witness]:
     least_s = bulk_s * samples.least_ohm / (abs(samples.answered_ohm) or 1.0)
     is_at_all_steps = samples.resistance_ohm > 0 and least_s > _BULK_S
     if bulk_s and (is_at_all_steps or bulk_s <= _BULK_S):
-        yield _of_bulk(bulk_s, travel_v, travel_v - samples.hidden_v, interval_s, samples.middle_v)
+        yield _of_bulk(samples, bulk_s, travel_v)
 
 
-def _of_bulk(
-    bulk_s: float, travel_v: float, shown_v: float, interval_s: float, middle_v: float
-) -> Witness:
+def _of_bulk(samples: Samples, bulk_s: float, travel_v: float) -> Witness:
     """The resistance times the charge that a volt moves, of which less is missing than all.
 
     Of a load in a gap the charge is missing, and only the rest of the travel is of what was logged.
     """
-    is_steep = middle_v < _STEEP_BELOW_V or shown_v < 2 * _TRAVEL_V
+    shown_v = travel_v - samples.hidden_v
+    is_steep = samples.middle_v < _STEEP_BELOW_V or shown_v < 2 * _TRAVEL_V
     least_s = (_STEEP_S if is_steep else _SHORT_S) * shown_v / travel_v
     least_s = least_s if shown_v >= _TRAVEL_V else 0.0
     size = "high" if bulk_s > _BULK_S else "low"
     words = f"the resistance would be so {size} that all charge could pass in {bulk_s:.3g} s"
 
     def is_cells(own_s: float) -> bool:
-        is_fine = interval_s * own_s / bulk_s < _SLOW_S
+        is_fine = samples.apart_s * own_s / bulk_s < _SLOW_S
         return least_s <= own_s and (is_fine or own_s <= _BULK_S)
 
     # Nothing but another unit is so slow, or so fast.

@@ -167,9 +167,6 @@ def _by_package(
 ):
     """A reader of content that holds `start` near its beginning, by the package of an extra."""
 
-    def recognizes(content: bytes) -> bool:
-        return start in content[:64]
-
     def read(content: bytes, _: Mapping[str, str]) -> Table:
         article = "an" if name[0] in "AEIOU" else "a"
         with refusing(
@@ -181,7 +178,7 @@ def _by_package(
             columns = {name: np.array(values) for name, values in parse(content).items()}
         return Table.of(pl.DataFrame(columns), has_known_units=True)
 
-    return Reader(name, recognizes, read)
+    return Reader(name, lambda content: start in content[:64], read)
 
 
 def _parse_mpr(content: bytes) -> Columns:

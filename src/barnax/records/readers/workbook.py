@@ -146,11 +146,9 @@ def _joined(bodies: dict[str, pl.DataFrame], names: _Names, ignored: list[str]) 
     filled = [(name, body) for name, body in bodies.items() if body.height]
     clock = header.columns.get("time") or header.columns.get("date")
     if len(filled) > 1 and clock is not None:
-
-        def start(sheet: tuple[str, pl.DataFrame]) -> float:
-            return float(numbers(sheet[1].to_series(clock.index).head(1), clock)[0])
-
-        filled.sort(key=start)
+        cells = (body.to_series(clock.index).head(1) for _, body in filled)
+        starts = [float(numbers(first, clock)[0]) for first in cells]
+        filled = [filled[index] for index in np.argsort(starts, kind="stable")]
     sheets = f"sheet{'s' if len(ignored) > 1 else ''} {listed(ignored)}"
     notes = [Notice("columns.left-out", {"part": "sheets", "sheets": sheets})] if ignored else []
     if names.above:

@@ -20,7 +20,8 @@ PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text
 # A module imports only from those left of its own, for types or when it is called too: the order in
 # which a record becomes a report.
 LAYERS = (
-    ("display", "errors", "metrics", "execution", "blas", "devices"),
+    ("blas",),
+    ("display", "errors", "metrics", "execution", "devices"),
     ("notices", "files", "settings"),
     ("schema", "bundled", "records", "optimizers"),
     ("cell",),
@@ -50,7 +51,7 @@ GENERAL = {
     "metrics": set(),
     "errors": set(),
     "display": set(),
-    "execution": set(),
+    "execution": {"blas"},
     "blas": set(),
     "devices": set(),
 }

@@ -14,6 +14,8 @@ import jax
 import numpy as np
 from jax.experimental.xla_metadata import set_xla_metadata
 
+from .blas import one_blas_thread
+
 P = ParamSpec("P")
 R = TypeVar("R")
 Watch = Callable[..., AbstractContextManager[Callable[[int], None]]]
@@ -26,11 +28,12 @@ def unwatched(title: str, total: int = 0) -> AbstractContextManager[Callable[[in
 
 
 def in_float64(function: Callable[P, R]) -> Callable[P, R]:
-    """`function`, run with JAX in float64 whatever the caller's setting, which stays as it was."""
+    """`function`, run with JAX in float64 and linear algebra on one thread whatever the caller's
+    settings, which stay as they were: a library's several threads would change the last bits."""
 
     @functools.wraps(function)
     def scoped(*args: P.args, **kwargs: P.kwargs) -> R:
-        with jax.enable_x64(True):
+        with jax.enable_x64(True), one_blas_thread():
             return function(*args, **kwargs)
 
     return scoped

@@ -10,10 +10,9 @@ from typing import Any
 import jax
 import numpy as np
 
-from .blas import one_blas_thread
 from .cell import CircuitParameters
 from .errors import InputError
-from .execution import Watch, threads
+from .execution import Watch, in_float64, threads
 from .global_optimum.search import GlobalOptimum, find_global_optimum, hold_warning
 from .model.problem import Problem
 from .model.sampling import SHORT, least_r0_share, means_shifts_ohm, resampling
@@ -185,6 +184,7 @@ def make_result(
     return result
 
 
+@in_float64
 def _fitted(setup: Setup) -> TableFits:
     """The tables of the answer, proved, with their intervals and held-out errors."""
     records = setup.problem.prepared_records
@@ -195,8 +195,7 @@ def _fitted(setup: Setup) -> TableFits:
     else:
         assert setup.chosen is not None, "a point of the family"
         objective = setup.chosen.objective
-        with one_blas_thread():
-            proof = certify(objective, setup.chosen.best)
+        proof = certify(objective, setup.chosen.best)
         records = objective.prepared_records
         fit = fit_of(objective, proof)
         own = compare_with_own(records, fit, objective.settings)

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-from .blas import one_blas_thread
 from .cell import Dependence, get_circuit
 from .cell.parameters import RATE
 from .execution import in_float64
@@ -226,8 +225,7 @@ def _registered(chosen: Fitted, tables: TableSettings) -> Fitted:
     law = Dependence(**{**known.follows}) if known.follows else None  # pyrefly: ignore
     records = [record.following(law) for record in records]
     objective = reduced_objective(records, own)
-    with one_blas_thread():
-        best = find_best(objective)
+    best = find_best(objective)
     return Fitted(replace(chosen.point, law=law), objective, best, chosen.loss)
 
 
@@ -276,8 +274,7 @@ def own_ocv_of(job: Job, records: Sequence[Record]) -> OwnOcv:
         # The others' starts are those at which this circuit fits best.
         prepared = [one.following(point.law) for one in prepare(point.circuit)]
         objective = reduced_objective(prepared, chosen.objective.settings)
-        with one_blas_thread():
-            chosen = Fitted(point, objective, find_best(objective), chosen.loss)
+        chosen = Fitted(point, objective, find_best(objective), chosen.loss)
     # The starts of circuits with such a hysteresis are those of one of them.
     alike = (known for known in starts if get_circuit(known).has_rate == point.has_rate)
     begun = starts[point.circuit if point.circuit in starts else next(alike)]

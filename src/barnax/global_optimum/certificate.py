@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..blas import one_blas_thread
 from ..model.box_least_squares import Columns, dot, errors_of, least_in_boxes, normal_equations
 from ..model.descent import Axis, LogScales
 from ..search.refine import RefinedSeed
@@ -63,10 +62,8 @@ def certify(
         best = best if better is None else polish(better)
         return bounds_v, split, best.rmse_v
 
-    # One thread: what a library does with several would change the last bits.
-    with one_blas_thread():
-        first = first_boxes(axes, [FIRST_BOXES] * len(axes), alike)
-        proved = prove(first, bound, best.rmse_v, gap_of, alike, AT_ONCE, max_boxes)
+    first = first_boxes(axes, [FIRST_BOXES] * len(axes), alike)
+    proved = prove(first, bound, best.rmse_v, gap_of, alike, AT_ONCE, max_boxes)
     return Proof(*proved, best)
 
 

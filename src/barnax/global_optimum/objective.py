@@ -147,8 +147,8 @@ class LinearObjective(abc.ABC):
             for axis, where in zip(self.axes, found.log_scales, strict=True)
         ]
 
-    def slopes_at(self, found: Solution) -> Float[np.ndarray, "axes"]:
-        """The derivative of J by the scales at fixed unknowns."""
+    def slope(self, found: Solution) -> Float[np.ndarray, "axes"]:
+        """The derivative of the least J by the scales: that at fixed unknowns, which are best."""
         return np.array([2 * float(found.error @ slope) for slope in self.error_slopes(found)])
 
 
@@ -239,7 +239,7 @@ class ConstantObjective(LinearObjective):
     def slope(self, found: Solution) -> Float[np.ndarray, "axes"]:
         """The derivative of the least J by the scales: that at fixed resistances, and where one is
         at a bound in F, what that bound moves."""
-        slopes = self.slopes_at(found)
+        slopes = super().slope(found)
         for place in np.flatnonzero(found.sides[1:]).tolist():
             ends = []
             for moved in (MOVED, -MOVED):

@@ -10,11 +10,9 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from ..blas import one_blas_thread
-from ..cell import CircuitParameters, get_circuit
+from ..cell import get_circuit
 from ..cell.characterize import without_drop
 from ..cell.model import NEAR_DEGC
-from ..display import Brief
 from ..execution import in_float64
 from ..model.descent import GridSizes, LogScales, lowest_scales, polish
 from ..model.prepared import PreparedRecord, prepare_record, try_record
@@ -31,6 +29,7 @@ from ..search.refine import (
     Optimum,
     RefinedSeed,
     Refinement,
+    WithOptima,
     at_bound,
     distinct_optima,
     largest_change,
@@ -54,7 +53,7 @@ _rmse_v = attrgetter("rmse_v")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class GlobalOptimum(Brief):
+class GlobalOptimum(WithOptima):
     """The best circuit in a box, and what is proved about it.
 
     Attributes:
@@ -71,7 +70,7 @@ class GlobalOptimum(Brief):
         seeds_there: Refined seeds that reached the optimum.
     """
 
-    optima: Annotated[tuple[Optimum, ...], Field(min_length=1)]
+    optima: Annotated[tuple[Optimum, ...], Field(min_length=1)]  # pyrefly: ignore
     at_bound: tuple[AtBound, ...]
     status: Status
     lower_bound_v: Volts
@@ -80,14 +79,6 @@ class GlobalOptimum(Brief):
     best_gap: MaybeInfinite = math.inf
     refined_gap: MaybeInfinite = math.inf
     seeds_there: Count = 0
-
-    @property
-    def parameters(self) -> CircuitParameters:
-        return self.optima[0].parameters
-
-    @property
-    def rmse_v(self) -> float:
-        return self.optima[0].rmse_v
 
     @property
     def local_optima(self) -> tuple[Optimum, ...]:
@@ -151,7 +142,7 @@ def find_global_optimum(
     # Kept with the problem: where the direction before the start is open, it was looked for before.
     if "minima" not in vars(problem):
         objective = ConstantObjective.of(problem)
-        starts = _grid_minima(objective, FACTOR)[:MAX_MINIMA]
+        starts = lowest_scales(objective, GRID, apart=False, factor=FACTOR)[:MAX_MINIMA]
         vars(problem)["minima"] = objective, _polish(problem, objective, starts)
     objective, ends = vars(problem)["minima"]
     proof = None
@@ -178,26 +169,18 @@ def find_global_optimum(
     )
 
 
-def _grid_minima(objective: ConstantObjective, factor: float) -> list[LogScales]:
-    """The scales of the grid's minima up to so many times its lowest error, best first."""
-    # One thread: what a library does with several would change the last bits.
-    with one_blas_thread():
-        return lowest_scales(objective, GRID, apart=False, factor=factor)
-
-
 def _polish(
     problem: Problem, objective: ConstantObjective, starts: Sequence[LogScales]
 ) -> list[RefinedSeed]:
     """The ends of descents from some scales, with the errors of the scan."""
     ends, moved, are_flat = [], [], []
-    with one_blas_thread():
-        for log_scales in starts:
-            start = objective.solve(log_scales)
-            met = polish(objective, start)
-            exact = objective.solve(met.log_scales, met.sides, exact=True)
-            ends.append(objective.circuit(exact))
-            moved.append(largest_change(objective.circuit(start), ends[-1]))
-            are_flat.append(objective.is_flat(exact))
+    for log_scales in starts:
+        start = objective.solve(log_scales)
+        met = polish(objective, start)
+        exact = objective.solve(met.log_scales, met.sides, exact=True)
+        ends.append(objective.circuit(exact))
+        moved.append(largest_change(objective.circuit(start), ends[-1]))
+        are_flat.append(objective.is_flat(exact))
     return [*map(RefinedSeed, rmse_by_scan(problem, ends), ends, moved, are_flat)]
 
 
@@ -207,6 +190,7 @@ DROP_S = 1000.0
 DROP_ROUNDS = 2
 
 
+@in_float64
 def without_sweep_drop(problem: Problem) -> Problem:
     """The problem with the OCV at rest where slow sweeps measured it under load.
 
@@ -241,7 +225,8 @@ def _slow_resistance_ohm(problem: Problem, temperature_degc: float | None) -> fl
         is_near = apart <= apart.min() + NEAR_DEGC
         records = tuple(itertools.compress(records, is_near))
     objective = ConstantObjective.of(replace(problem, prepared_records=records))
-    found = objective.circuit(objective.solve(_grid_minima(objective, 1.0)[0]))
+    best, *_ = lowest_scales(objective, GRID, apart=False, factor=1.0)
+    found = objective.circuit(objective.solve(best))
     shown = -np.expm1(-DROP_S / np.array(found.tau_s))
     return found.r0 + float(shown @ found.r)
 

@@ -14,7 +14,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Scalar
 
-from ..blas import one_blas_thread
 from ..cell.parameters import ANYWHERE
 from ..execution import as_input
 from .coordinates import Coordinates
@@ -86,13 +85,12 @@ def compress(records: Sequence[PreparedRecord], box: Coordinates) -> Compressed:
     groups = [scored_alone(prepared) for prepared in records]
     (reduced,) = reduce_records(records, layout, groups, 1)
     factor, count = reduced.factor, len(in_tau.skeleton)
-    with one_blas_thread():
-        # The columns of all nodes from those of the skeletons; the last two stay.
-        columns = [factor[:, :count] @ in_tau.from_skeleton]
-        if in_rate is not None:
-            columns.append(factor[:, count:-2] @ in_rate.from_skeleton)
-        factor = np.concatenate([*columns, factor[:, -2:]], axis=1)
-        factor = shorten(factor, NEGLIGIBLE_V * math.sqrt(reduced.scored))
+    # The columns of all nodes from those of the skeletons; the last two stay.
+    columns = [factor[:, :count] @ in_tau.from_skeleton]
+    if in_rate is not None:
+        columns.append(factor[:, count:-2] @ in_rate.from_skeleton)
+    factor = np.concatenate([*columns, factor[:, -2:]], axis=1)
+    factor = shorten(factor, NEGLIGIBLE_V * math.sqrt(reduced.scored))
     rate = None if in_rate is None else Lagrange.of(in_rate)
     scored = as_input(float(reduced.scored))
     return Compressed(scored, as_input(factor), Lagrange.of(in_tau), rate)

@@ -79,25 +79,14 @@ class Coordinates(eqx.Module):
         )
 
     @property
-    def shortest_tau_s(self) -> float:
-        """The smallest time constant of an RC pair in the box, in s."""
-        return float(np.min(np.asarray(self.tau_limits_s)[:, 0] * self._ratios(-1)))
-
-    @property
-    def longest_tau_s(self) -> float:
-        """The largest time constant of an RC pair in the box, in s."""
-        return float(np.max(np.asarray(self.tau_limits_s)[:, 1] * self._ratios(0)))
-
-    def _ratios(self, end: int) -> Float[np.ndarray, "pairs"] | float:
-        """Of every element's slowest or fastest RC pair."""
-        if not self.elements:
-            return 1.0
-        return np.array([get_element(name).ratios[end] for name in self.elements])
-
-    @property
-    def highest_gamma(self) -> float | None:
-        """The largest rate in the box, None without dynamic hysteresis."""
-        return None if self.gamma_limits is None else self.gamma_limits[1]
+    def tau_span_s(self) -> tuple[float, float]:
+        """The smallest and the largest time constant of an RC pair in the box, in s."""
+        low_s, high_s = np.asarray(self.tau_limits_s).T
+        if self.elements:
+            ratios = [get_element(name).ratios for name in self.elements]
+            low_s = low_s * [own[-1] for own in ratios]
+            high_s = high_s * [own[0] for own in ratios]
+        return float(low_s.min()), float(high_s.max())
 
     def decode(self, point: Float[Array, "free"]) -> RCParameters:
         """The circuit at a point."""

@@ -33,7 +33,7 @@ def span_ends(taus_s: Range, gammas: Range | None, interval_s: float) -> list[Ra
 def ends_of(records: Sequence[PreparedRecord], box: Coordinates) -> list[Range]:
     """The same of every circuit in a box."""
     interval_s = min(float(np.min(np.diff(prepared.time_s))) for prepared in records)
-    return span_ends((box.shortest_tau_s, box.longest_tau_s), box.gamma_limits, interval_s)
+    return span_ends(box.tau_span_s, box.gamma_limits, interval_s)
 
 
 @dataclass(frozen=True, eq=False)

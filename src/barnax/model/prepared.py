@@ -164,16 +164,15 @@ class PreparedRecord(Brief):
             yield slice(first, min(first + samples, len(self.soc))), inputs
 
     def simulates_as(self, other: "PreparedRecord") -> bool:
-        """True where every circuit has the same errors on the other, sample by sample."""
-        return all(map(np.array_equal, self._simulated, other._simulated))
-
-    @property
-    def _simulated(self) -> tuple[Any, ...]:
-        """Everything that errors of a circuit are computed from."""
-        records = self.time_s, self.current_a, self.held_a, self.voltage_v, self.scored
-        states = self.soc, self.source_v, self.direction, self.hysteresis_amplitude_v
-        resistances = self.resistance_factor, self.dependence
-        return *records, *states, *resistances, self.start.direction, self.rest_current_a
+        """True where every circuit has the same errors on the other, sample by sample: what these
+        are computed from is the same."""
+        samples = ("time_s", "current_a", "held_a", "voltage_v", "scored")
+        states = ("soc", "source_v", "direction", "hysteresis_amplitude_v", "rest_current_a")
+        is_like = self.start.direction == other.start.direction
+        return is_like and all(
+            np.array_equal(getattr(self, name), getattr(other, name))
+            for name in (*samples, *states, "resistance_factor", "dependence")
+        )
 
     @property
     def time_s(self) -> Float[np.ndarray, "simulated"]:

@@ -129,11 +129,9 @@ class Problem(Brief):
     @cached_property
     def all_inputs(self) -> tuple[SimulationInput, ...]:
         """Every course as the scan takes it, exact in the whole box."""
-        box = self.coordinates
-        return tuple(
-            prepared.simulation_input(box.shortest_tau_s, box.highest_gamma)
-            for prepared in self.prepared_records
-        )
+        (shortest_s, _), gammas = self.coordinates.tau_span_s, self.coordinates.gamma_limits
+        exact_for = shortest_s, None if gammas is None else gammas[1]
+        return tuple(prepared.simulation_input(*exact_for) for prepared in self.prepared_records)
 
     @property
     def scan(self) -> AbstractEvaluator:

@@ -16,7 +16,6 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..blas import one_blas_thread
 from ..cell.parameters import ANYWHERE
 from ..cell.tables import hats
 from ..execution import as_input, in_float64, threads
@@ -108,7 +107,7 @@ def reduce_records(
     order = by_first_visit(prepared_records, layout)
     chains: dict[tuple[int, int], Future] = {}
     scored = np.zeros(count, int)
-    with one_blas_thread(), threads(CHAINS) as pool:
+    with threads(CHAINS) as pool:
         for prepared, group_of in zip(prepared_records, groups, strict=True):
             for turn, block in enumerate(blocks(prepared, layout, beside_v)):
                 numbers = group_of(block.here)
@@ -200,13 +199,12 @@ def _joined(parts: Sequence[Reduced]) -> Reduced:
 def together(parts: Sequence[Reduced]) -> Reduced:
     """All of them as one, without rows that are rounding."""
     first = parts[0]
-    with one_blas_thread():
-        if all(part.order is not None and part.order is first.order for part in parts):
-            factor = _joined(parts).factor
-        else:
-            factor = reduce(append_rows, [part.factor for part in parts])
-        scored = sum(part.scored for part in parts)
-        factor = shorten(factor, NEGLIGIBLE_V * math.sqrt(scored))
+    if all(part.order is not None and part.order is first.order for part in parts):
+        factor = _joined(parts).factor
+    else:
+        factor = reduce(append_rows, [part.factor for part in parts])
+    scored = sum(part.scored for part in parts)
+    factor = shorten(factor, NEGLIGIBLE_V * math.sqrt(scored))
     return Reduced(first.layout, scored, factor)
 
 

@@ -25,7 +25,6 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import softmax
 
-from ..blas import one_blas_thread
 from ..cell.tables import hats
 from ..execution import in_float64
 from ..model.prepared import FEWEST_SAMPLES, PreparedRecord
@@ -136,40 +135,37 @@ def measure_ageing(
         capacities_ah = [share * prepared.capacity_ah for prepared in records]
         return _all_moved(records, zip(starts, capacities_ah, strict=True), now[count + 1 :])
 
-    with one_blas_thread():
-        shares = (1.0,) if is_own else SHARES
-        guesses = [
-            np.where(np.arange(len(priors[0])) == count, np.log(share), 0.0) for share in shares
-        ]
-        best_guess = _best_guess(guesses, moved_to, plain, ranges)
-        if best_guess is None:
+    shares = (1.0,) if is_own else SHARES
+    guesses = [np.where(np.arange(len(priors[0])) == count, np.log(share), 0.0) for share in shares]
+    best_guess = _best_guess(guesses, moved_to, plain, ranges)
+    if best_guess is None:
+        return {}
+    now, moved = best_guess
+    objective = reduced_objective(moved, plain, ranges)
+    best = find_best(objective)
+    # Of R0, and of the sum of all resistances.
+    at_soc = hats(np.array([AT_SOC]), objective.nodes_of[0])[0]
+    weights = np.stack([np.append(at_soc, np.zeros(objective.pairs * len(at_soc))),
+                        np.tile(at_soc, 1 + objective.pairs)])  # fmt: skip
+    under, found, is_settled = [], None, False
+    for _ in range(ROUNDS):
+        rests = None if is_own else _rests(objective.prepared_records, now)
+        under = estimate(objective, best, _columns, now, priors, weights, rests)
+        found = _averaged(under)
+        step = np.clip(found.values[: now.size] - now, -LARGEST_STEP, LARGEST_STEP)
+        now = now + step
+        are_settled = np.abs(step) < SETTLED * found.errors[: now.size] + HELD_SD
+        # Steps of the OCV's shape, which nobody is told, go on longest.
+        is_settled = bool(np.all(are_settled[: count + 2]))
+        if np.all(are_settled):
+            break
+        lows, highs = np.log(np.array([*ranges.values()])).T
+        scales = np.clip(np.array(best.log_scales) + found.moved_scales, lows, highs)
+        moved = moved_to(now)
+        if moved is None:
             return {}
-        now, moved = best_guess
-        objective = reduced_objective(moved, plain, ranges)
-        best = find_best(objective)
-        # Of R0, and of the sum of all resistances.
-        at_soc = hats(np.array([AT_SOC]), objective.nodes_of[0])[0]
-        weights = np.stack([np.append(at_soc, np.zeros(objective.pairs * len(at_soc))),
-                            np.tile(at_soc, 1 + objective.pairs)])  # fmt: skip
-        under, found, is_settled = [], None, False
-        for _ in range(ROUNDS):
-            rests = None if is_own else _rests(objective.prepared_records, now)
-            under = estimate(objective, best, _columns, now, priors, weights, rests)
-            found = _averaged(under)
-            step = np.clip(found.values[: now.size] - now, -LARGEST_STEP, LARGEST_STEP)
-            now = now + step
-            are_settled = np.abs(step) < SETTLED * found.errors[: now.size] + HELD_SD
-            # Steps of the OCV's shape, which nobody is told, go on longest.
-            is_settled = bool(np.all(are_settled[: count + 2]))
-            if np.all(are_settled):
-                break
-            lows, highs = np.log(np.array([*ranges.values()])).T
-            scales = np.clip(np.array(best.log_scales) + found.moved_scales, lows, highs)
-            moved = moved_to(now)
-            if moved is None:
-                return {}
-            at = tuple(scales.tolist())
-            objective, best = solved_at(moved, plain, objective.ranges, at, exact=True)
+        at = tuple(scales.tolist())
+        objective, best = solved_at(moved, plain, objective.ranges, at, exact=True)
     assert found is not None, "there is a round"
     is_visited = bool(np.any(objective.visited @ weights[0, : objective.nodes]))
     every = dict(_told(found, under, records, told, is_visited, is_settled))

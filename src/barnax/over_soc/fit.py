@@ -7,7 +7,6 @@ from typing import Literal
 
 import numpy as np
 
-from ..blas import one_blas_thread
 from ..cell import CircuitParameters
 from ..cell.parameters import HALF_HYSTERESIS, OCV, RATE
 from ..cell.tables import LEAST_OHM
@@ -133,6 +132,7 @@ class TableFit(Brief):
         return (*facts, *means, *(Fact(**vars(node)) for node in self.of_table(OCV)))
 
 
+@in_float64
 def fit_tables(
     prepared_records: Sequence[PreparedRecord], settings: TableSettings | None = None
 ) -> TableFit:
@@ -151,11 +151,9 @@ def fit_tables(
     without a dynamic hysteresis.
     """
     settings = settings or TableSettings()
-    # One thread: what a library does with several would change the last bits.
-    with one_blas_thread():
-        objective = reduced_objective(prepared_records, settings)
-        objective, best = with_asked(objective, find_best(objective))
-        proof = certify(objective, best)
+    objective = reduced_objective(prepared_records, settings)
+    objective, best = with_asked(objective, find_best(objective))
+    proof = certify(objective, best)
     return fit_of(objective, proof)
 
 
@@ -171,16 +169,15 @@ def fit_of(
     the objective where these have another OCV. Of records without samples, `intervals` and `errors`
     are given."""
     settings, best = objective.settings, proof.best
-    with one_blas_thread():
-        tables = objective.tables_at(best)
-        known = intervals_of(objective, best) if intervals is None else intervals
-        intervals = with_spread(objective, best, known)
-        means = tuple(
-            own for own in intervals if own.soc is None and parts_of(own.name)[0] in tables.tables
-        )
-        at_nodes = intervals[: len(intervals) - len(means)]
-        intervals = tuple(_as_stored(objective, tables, at_nodes))
-        held_out = cross_validate(objective, best)
+    tables = objective.tables_at(best)
+    known = intervals_of(objective, best) if intervals is None else intervals
+    intervals = with_spread(objective, best, known)
+    means = tuple(
+        own for own in intervals if own.soc is None and parts_of(own.name)[0] in tables.tables
+    )
+    at_nodes = intervals[: len(intervals) - len(means)]
+    intervals = tuple(_as_stored(objective, tables, at_nodes))
+    held_out = cross_validate(objective, best)
     searched_axes = zip(objective.axes, best.log_scales, strict=True)
     at_bound = near_ends(
         (axis.name, scale, axis.low, axis.high)

@@ -12,7 +12,6 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..blas import one_blas_thread
 from ..cell import get_circuit
 from ..cell.soc_axis import is_above
 from ..errors import InputError
@@ -206,13 +205,13 @@ def keep_all(
 
 
 def _shortened(part: Reduced) -> Reduced:
-    with one_blas_thread():
-        factor = shorten(part.factor, NEGLIGIBLE_V * np.sqrt(max(part.scored, 1)))
+    factor = shorten(part.factor, NEGLIGIBLE_V * np.sqrt(max(part.scored, 1)))
     # What is shorter than a multiple of rows was filled up.
     filled = max(1, int(np.count_nonzero(np.any(factor, axis=1))))
     return replace(part, factor=factor[:filled])
 
 
+@in_float64
 def fit_kept(kept: Sequence[Kept], settings: TableSettings | None = None) -> TableFit:
     """The best tables for some kept records together, as `fit_tables` finds them from samples.
 
@@ -230,8 +229,7 @@ def fit_kept(kept: Sequence[Kept], settings: TableSettings | None = None) -> Tab
         if record.grid != first.grid:
             raise InputError(_other_grid(first, record))
     objective = objective_of(kept, settings or TableSettings())
-    with one_blas_thread():
-        best = find_best(objective)
+    best = find_best(objective)
     return fit_of(
         objective,
         Proof(0.0, 0, best),
@@ -263,8 +261,7 @@ def objective_of(kept: Sequence[Kept], settings: TableSettings) -> TableObjectiv
     parts = [part for record in kept for part in record.parts]
     # Factors of few rows join one of no samples.
     none = Reduced(layout, 0, np.zeros((layout.width, layout.width)))
-    with one_blas_thread():
-        whole = together([none, *parts])
+    whole = together([none, *parts])
     return TableObjective(kept, settings, ranges, whole, parts, is_kept=True)
 
 

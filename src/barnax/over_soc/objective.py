@@ -275,10 +275,6 @@ class TableObjective(LinearObjective):
             blocks.append(own[own @ self.visited_of(number) > 0].T)
         return np.asarray(block_diag(*blocks))
 
-    def slope(self, found: Solution) -> Float[np.ndarray, "axes"]:
-        """The derivative of the least J by the scales: that at fixed tables, which are optimal."""
-        return self.slopes_at(found)
-
     def ocv_at(
         self, found: Solution
     ) -> tuple[Float[np.ndarray, "nodes"], Float[np.ndarray, "nodes"]]:

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from ..blas import one_blas_thread
 from ..cell import CellModel, get_circuit
 from ..cell.characterize import over_temperatures
 from ..cell.elements import names_of
@@ -69,10 +68,9 @@ def prove_own(own: OwnRecords, objective: TableObjective, best: Solution, starts
     """The best tables with their OCV, proved, and all that is known of them."""
     records = objective.prepared_records
     circuit = records[0].circuit
-    with one_blas_thread():
-        proof = certify(objective, best)
-        # Several records whose rates differ would tell it.
-        effect = offset_effect(objective, proof.best) if len(records) == 1 else None
+    proof = certify(objective, best)
+    # Several records whose rates differ would tell it.
+    effect = offset_effect(objective, proof.best) if len(records) == 1 else None
     cell = cell_of(objective, proof.best, own.capacity_ah, own.capacity_origin)
     fit = fit_of(objective, proof, _with_cell(objective, cell))
     # Of a pair whose time constant ended at the slowest, the OCV takes up what is slower still.
@@ -126,8 +124,7 @@ def compare_with_own(
     log_scales = tuple(math.log(fit.tables.constants[name]) for name in names)
     settings = with_own_ocv(replace(settings, folds=0))
     records = [one.following(fit.tables.dependence) for one in leveled(prepared_records)]
-    with one_blas_thread():
-        objective, best = solved_at(records, settings, names, log_scales, exact=True)
+    objective, best = solved_at(records, settings, names, log_scales, exact=True)
     nodes, own_v = objective.ocv_at(best)
     seen = nodes[objective.visited_of(objective.names.index(OCV))]
     soc = COMPARED_SOC[(seen.min() <= COMPARED_SOC) & (seen.max() >= COMPARED_SOC)]

@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..blas import one_blas_thread
 from ..cell import CellModel, get_circuit
 from ..cell.model import group_near
 from ..cell.soc_axis import GIVEN
@@ -265,23 +264,22 @@ class OwnRecords:
             at = objective.ranges, best.log_scales
             return float(np.linalg.norm(solved_at(records, quick, *at, exact=True)[1].error))
 
-        with one_blas_thread():
-            objective = reduced_objective(prepared, quick)
+        objective = reduced_objective(prepared, quick)
+        best = find_best(objective)
+        for place, one in enumerate(prepared):
+            if not has_rate or one.start.direction_source != "assumed":
+                continue
+            window = replace(one.window, initial_direction=-one.start.direction)
+            window = (turned or {}).get(one.record.name, window)
+            other = prepare_record(one.record, one.cell, circuit, window)
+            tried = [*found[:place], other, *found[place + 1 :]]
+            own_v, other_v = left_v(found), left_v(tried)
+            if other_v < own_v:
+                found, other_v = tried, own_v
+            others[one.record.name] = other_v
+        if any(one is not other for one, other in zip(found, prepared, strict=True)):
+            objective = reduced_objective(found, quick)
             best = find_best(objective)
-            for place, one in enumerate(prepared):
-                if not has_rate or one.start.direction_source != "assumed":
-                    continue
-                window = replace(one.window, initial_direction=-one.start.direction)
-                window = (turned or {}).get(one.record.name, window)
-                other = prepare_record(one.record, one.cell, circuit, window)
-                tried = [*found[:place], other, *found[place + 1 :]]
-                own_v, other_v = left_v(found), left_v(tried)
-                if other_v < own_v:
-                    found, other_v = tried, own_v
-                others[one.record.name] = other_v
-            if any(one is not other for one, other in zip(found, prepared, strict=True)):
-                objective = reduced_objective(found, quick)
-                best = find_best(objective)
         cell = cell_of(objective, best, self.capacity_ah, self.capacity_origin)
         return cell, objective, best, others
 

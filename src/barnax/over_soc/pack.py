@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from ..blas import one_blas_thread
 from ..cell import CircuitParameters
 from ..execution import in_float64
 from ..model.descent import polish
@@ -125,24 +124,21 @@ def fit_pack(
     known = tables.constants
     sides_v = np.column_stack([np.zeros(len(prepared.soc)), beside_v])
     held = {name: (known[name], known[name]) for name in box_of([prepared], settings)}
-    with one_blas_thread():
-        pack = reduced_objective([prepared], settings, held, beside_v=sides_v)
-        count, log_scales = 1 + len(names), tuple(math.log(low) for low, _ in held.values())
-        own = [replace(pack, reduced=pack.reduced.side(side)) for side in range(count)]
-        found = [objective.solve(log_scales, exact=True) for objective in own]
-        light = [
-            unsmoothed(objective, start)[1] for objective, start in zip(own, found, strict=True)
-        ]
-        spread = _Spread.of(own[0], light, sides_v)
-        loaded_soc, directions = _directions(pack, found[0], prepared, spread)
-        if own_time_constants:
-            wide = reduced_objective([prepared], settings, beside_v=sides_v)
-            for side in range(count):
-                alone = replace(wide, reduced=together([wide.reduced.side(side)]))
-                start = alone.solve(found[side].log_scales, found[side].sides)
-                met = polish(alone, start)
-                found[side] = alone.solve(met.log_scales, met.sides, exact=True)
-                light[side] = unsmoothed(alone, found[side])[1]
+    pack = reduced_objective([prepared], settings, held, beside_v=sides_v)
+    count, log_scales = 1 + len(names), tuple(math.log(low) for low, _ in held.values())
+    own = [replace(pack, reduced=pack.reduced.side(side)) for side in range(count)]
+    found = [objective.solve(log_scales, exact=True) for objective in own]
+    light = [unsmoothed(objective, start)[1] for objective, start in zip(own, found, strict=True)]
+    spread = _Spread.of(own[0], light, sides_v)
+    loaded_soc, directions = _directions(pack, found[0], prepared, spread)
+    if own_time_constants:
+        wide = reduced_objective([prepared], settings, beside_v=sides_v)
+        for side in range(count):
+            alone = replace(wide, reduced=together([wide.reduced.side(side)]))
+            start = alone.solve(found[side].log_scales, found[side].sides)
+            met = polish(alone, start)
+            found[side] = alone.solve(met.log_scales, met.sides, exact=True)
+            light[side] = unsmoothed(alone, found[side])[1]
     middle = np.concatenate(found[0].values), np.concatenate(light[0].values)
     ocv = pack.block(1 + pack.pairs)
     ocv_nodes = np.array(pack.reduced.layout.ocv_nodes)

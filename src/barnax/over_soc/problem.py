@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..blas import one_blas_thread
 from ..cell import get_circuit
 from ..cell.elements import get_element, names_of
 from ..cell.parameters import OHMIC, RATE
 from ..cell.soc_axis import ABOVE_SOC, is_above
 from ..errors import InputError
+from ..execution import in_float64
 from ..model.descent import Descended, Found, GridSizes, LogScales, lowest_scales, polish
 from ..model.exponentials import span_through
 from ..model.intervals import AT_ONCE
@@ -34,6 +34,7 @@ BOTH_WAYS_SOC = 0.1
 HELD_GAMMA = 20.0
 
 
+@in_float64
 def reduced_objective(
     prepared_records: Sequence[PreparedRecord],
     settings: TableSettings,
@@ -49,9 +50,8 @@ def reduced_objective(
     parts = reduce_records(
         prepared_records, layout, *blocks_of(prepared_records, settings), beside_v
     )
-    with one_blas_thread():
-        # What is shortened is no triangle any more, of which a side is taken.
-        whole = together(parts) if beside_v is None else parts[0]
+    # What is shortened is no triangle any more, of which a side is taken.
+    whole = together(parts) if beside_v is None else parts[0]
     return TableObjective(list(prepared_records), settings, ranges, whole, parts)
 
 

@@ -21,7 +21,6 @@ from jaxtyping import Float
 from scipy.optimize import minimize
 from scipy.special import ndtri
 
-from ..blas import one_blas_thread
 from ..cell import Dependence
 from ..execution import in_float64
 from ..model.descent import LogScales
@@ -82,32 +81,31 @@ def register(
     # SOC is scaled so that what was told is right on average.
     shares = (prior**-2.0 / np.sum(prior**-2.0, axis=0))[:, :, None] * np.eye(2)
     to_axis = np.eye(prior.size) - np.tile(shares.reshape(-1, 2).T, (len(prior), 1))
-    with one_blas_thread():
-        dependence = prepared_records[0].dependence
-        if log_scales:
-            objective, best = solved_at(found, plain, box_of(found, plain), log_scales)
-        else:
-            objective = reduced_objective(found, plain)
-            best = find_best(objective)
-        as_told = objective, best
-        for number in range(rounds):
-            if number:
-                objective, best = solved_at(found, plain, objective.ranges, best.log_scales)
-                dependence = dependence and polished(objective, best, dependence)[0]
-            estimated = estimate(objective, best, _of_starts, shifts.ravel(), [prior.ravel()])[0]
-            moved = (to_axis @ estimated.values).reshape(shifts.shape)
-            errors = np.sqrt(np.diag(to_axis @ estimated.covariance @ to_axis.T))
-            errors = errors.reshape(shifts.shape)
-            steps = np.abs(moved - shifts) / estimated.errors.reshape(shifts.shape)
-            is_settled, shifts = np.all(steps <= SETTLED), moved
-            moves = np.hstack([shifts, errors])
-            moved_means = _all_moved(means, prepared_records, moves, dependence)
-            if moved_means is None:
-                return list(prepared_records)
-            found = [prepared.following(dependence) for prepared in moved_means]
-            if is_settled:
-                break
-        offset = shared_offset(*as_told, prior, best.rms_v)
+    dependence = prepared_records[0].dependence
+    if log_scales:
+        objective, best = solved_at(found, plain, box_of(found, plain), log_scales)
+    else:
+        objective = reduced_objective(found, plain)
+        best = find_best(objective)
+    as_told = objective, best
+    for number in range(rounds):
+        if number:
+            objective, best = solved_at(found, plain, objective.ranges, best.log_scales)
+            dependence = dependence and polished(objective, best, dependence)[0]
+        estimated = estimate(objective, best, _of_starts, shifts.ravel(), [prior.ravel()])[0]
+        moved = (to_axis @ estimated.values).reshape(shifts.shape)
+        errors = np.sqrt(np.diag(to_axis @ estimated.covariance @ to_axis.T))
+        errors = errors.reshape(shifts.shape)
+        steps = np.abs(moved - shifts) / estimated.errors.reshape(shifts.shape)
+        is_settled, shifts = np.all(steps <= SETTLED), moved
+        moves = np.hstack([shifts, errors])
+        moved_means = _all_moved(means, prepared_records, moves, dependence)
+        if moved_means is None:
+            return list(prepared_records)
+        found = [prepared.following(dependence) for prepared in moved_means]
+        if is_settled:
+            break
+    offset = shared_offset(*as_told, prior, best.rms_v)
     shared = {} if offset is None else asdict(offset)
     whole = _all_moved(prepared_records, prepared_records, moves, dependence, **shared)
     return whole or list(prepared_records)
@@ -169,29 +167,28 @@ def register_alone(prepared: PreparedRecord, settings: TableSettings) -> Prepare
     guessed = moved(guess)
     if guessed is None:
         return prepared
-    with one_blas_thread():
-        objective = reduced_objective([prepared], plain)
-        kept = find_best(objective)
-        at = find_best(reduced_objective([guessed], plain)).log_scales
-        simplex = guess + np.array([(0.0, 0.0), (FIRST_STEPS[0], 0.0), (0.0, FIRST_STEPS[1])])
-        options = {"initial_simplex": simplex, "maxfev": LOOKS, "xatol": 1e-4, "fatol": 0.0}
-        # Beyond its reach the objective is infinite, and infinities are subtracted.
-        with np.errstate(invalid="ignore"):
-            best = minimize(objective_v2, guess, method="Nelder-Mead", options=options)
-        found = moved(best.x)
-        if found is None or best.fun > (1 - LEAST_FALL) ** 2 * kept.objective_v2:
+    objective = reduced_objective([prepared], plain)
+    kept = find_best(objective)
+    at = find_best(reduced_objective([guessed], plain)).log_scales
+    simplex = guess + np.array([(0.0, 0.0), (FIRST_STEPS[0], 0.0), (0.0, FIRST_STEPS[1])])
+    options = {"initial_simplex": simplex, "maxfev": LOOKS, "xatol": 1e-4, "fatol": 0.0}
+    # Beyond its reach the objective is infinite, and infinities are subtracted.
+    with np.errstate(invalid="ignore"):
+        best = minimize(objective_v2, guess, method="Nelder-Mead", options=options)
+    found = moved(best.x)
+    if found is None or best.fun > (1 - LEAST_FALL) ** 2 * kept.objective_v2:
+        return prepared
+    names = objective.ranges
+    before = held_out(*solved_at([prepared], settings, names, kept.log_scales))
+    after = held_out(*solved_at([found], settings, names, at))
+    if before is not None and after is not None:
+        one, other = after.errors, before.errors
+        # Of all samples, or of those above 10 % SOC.
+        if one.rmse_v > other.rmse_v or (one.above_v or 0.0) > (other.above_v or math.inf):
             return prepared
-        names = objective.ranges
-        before = held_out(*solved_at([prepared], settings, names, kept.log_scales))
-        after = held_out(*solved_at([found], settings, names, at))
-        if before is not None and after is not None:
-            one, other = after.errors, before.errors
-            # Of all samples, or of those above 10 % SOC.
-            if one.rmse_v > other.rmse_v or (one.above_v or 0.0) > (other.above_v or math.inf):
-                return prepared
-        prior = furthest / FURTHEST
-        fitted = solved_at([found], plain, names, at)
-        errors = estimate(*fitted, _of_starts, np.zeros(2), [prior])[0].errors
+    prior = furthest / FURTHEST
+    fitted = solved_at([found], plain, names, at)
+    errors = estimate(*fitted, _of_starts, np.zeros(2), [prior])[0].errors
     return moved(best.x, *errors.tolist()) or found
 
 

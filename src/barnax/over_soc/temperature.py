@@ -13,10 +13,10 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from ..blas import one_blas_thread
 from ..cell import TemperatureTables
 from ..cell.model import SAME_DEGC, group_near
 from ..errors import InputError
+from ..execution import in_float64
 from ..global_optimum.proof import Proof
 from ..model.descent import Axis, LogScales, Solved, polish
 from ..model.prepared import PreparedRecord
@@ -84,6 +84,7 @@ class _Joint:
         return math.sqrt(float(self.weights @ squares))
 
 
+@in_float64
 def fit_temperatures(
     by_degc: Mapping[float, Sequence[PreparedRecord]],
     settings: TableSettings | None = None,
@@ -100,23 +101,22 @@ def fit_temperatures(
     degc = tuple(sorted(by_degc))
     ranges = box_of([prepared for own in degc for prepared in by_degc[own]], settings)
     joint = _Joint(tuple(reduced_objective(by_degc[own], settings, ranges) for own in degc))
-    with one_blas_thread():
+    best = find_best(joint)
+    given = zip(joint.objectives, best.parts, strict=True)
+    following = tuple(with_asked(objective, part)[0] for objective, part in given)
+    if following != joint.objectives:
+        joint = _Joint(following)
         best = find_best(joint)
-        given = zip(joint.objectives, best.parts, strict=True)
-        following = tuple(with_asked(objective, part)[0] for objective, part in given)
-        if following != joint.objectives:
-            joint = _Joint(following)
-            best = find_best(joint)
-        proofs = [
-            certify(objective, polish(objective, part))
-            for objective, part in zip(joint.objectives, best.parts, strict=True)
-        ]
-        lower_bound_v, best = _prove_together(joint, best, proofs)
-        homes = [
-            at_home(objective, part) if at_home else objective.prepared_records
-            for _, objective, part in joint.parts_at(best)
-        ]
-        left_out = _left_out(joint, best, degc, homes)
+    proofs = [
+        certify(objective, polish(objective, part))
+        for objective, part in zip(joint.objectives, best.parts, strict=True)
+    ]
+    lower_bound_v, best = _prove_together(joint, best, proofs)
+    homes = [
+        at_home(objective, part) if at_home else objective.prepared_records
+        for _, objective, part in joint.parts_at(best)
+    ]
+    left_out = _left_out(joint, best, degc, homes)
     fits = tuple(
         fit_of(objective, Proof(min(proof.lower_bound_v, part.rms_v), proof.boxes, part), home)
         for objective, proof, part, home in zip(

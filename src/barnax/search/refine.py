@@ -230,8 +230,24 @@ class Optimum:
     is_family: bool
 
 
+class WithOptima(Brief):
+    """What has distinct `optima`, the best first."""
+
+    optima: Any
+
+    @property
+    def parameters(self) -> CircuitParameters:
+        """The best circuit."""
+        return self.optima[0].parameters
+
+    @property
+    def rmse_v(self) -> float:
+        """Its RMSE."""
+        return self.optima[0].rmse_v
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class Refinement(Brief):
+class Refinement(WithOptima):
     """Every seed's answer after refinement; `parameters` and `rmse_v` are those of the best.
 
     Attributes:
@@ -244,19 +260,11 @@ class Refinement(Brief):
     """
 
     seeds: Annotated[tuple[RefinedSeed, ...], Field(min_length=1)]
-    optima: Annotated[tuple[Optimum, ...], Field(min_length=1)]
+    optima: Annotated[tuple[Optimum, ...], Field(min_length=1)]  # pyrefly: ignore
     at_bound: tuple[AtBound, ...]
     objective: Kind
     evaluations: Count
     search: Unstored[Any] = None
-
-    @property
-    def parameters(self) -> CircuitParameters:
-        return self.optima[0].parameters
-
-    @property
-    def rmse_v(self) -> float:
-        return self.optima[0].rmse_v
 
 
 @in_float64

@@ -9,7 +9,6 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from jaxtyping import Int
 
-from ..blas import one_blas_thread
 from ..execution import in_float64
 from ..model.prepared import PreparedRecord
 from ..over_soc.cross_validation import HeldOut, SocErrors, held_out
@@ -94,8 +93,7 @@ def choose(
         settings: How tables are fitted, and how blocks are held out.
         limits: What is tried.
     """
-    with one_blas_thread():
-        return Bench(prepare, settings, limits).chosen()
+    return Bench(prepare, settings, limits).chosen()
 
 
 @dataclass(eq=False)

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..blas import one_blas_thread
 from ..cell import CircuitParameters
 from ..display import Brief
+from ..execution import in_float64
 from ..global_optimum.objective import ConstantObjective
 from ..model.prepared import PreparedRecord
 from ..model.problem import Problem, rmse_by_scan
@@ -181,6 +181,7 @@ class Assessment(Brief):
     covariance: Unstored[Any] = None
 
 
+@in_float64
 def assess(problem: Problem, parameters: CircuitParameters) -> Assessment:
     """The intervals and diagnostics of an optimum, from one Jacobian.
 
@@ -191,16 +192,14 @@ def assess(problem: Problem, parameters: CircuitParameters) -> Assessment:
     Raises `InputError` if the errors or their derivatives are not finite.
     """
     linearization = linearize(problem, parameters)
-    # One thread: what a library does with several would change the last bits.
-    with one_blas_thread():
-        covariance = Covariance.of(linearization)
-        uncertainty = _with_upper_ends(problem, parameters, covariance.summary(parameters))
-        return Assessment(
-            covariance=covariance,
-            uncertainty=uncertainty,
-            identifiability=identifiability(problem, covariance, uncertainty),
-            diagnostics=diagnostics(problem, covariance),
-        )
+    covariance = Covariance.of(linearization)
+    uncertainty = _with_upper_ends(problem, parameters, covariance.summary(parameters))
+    return Assessment(
+        covariance=covariance,
+        uncertainty=uncertainty,
+        identifiability=identifiability(problem, covariance, uncertainty),
+        diagnostics=diagnostics(problem, covariance),
+    )
 
 
 def _with_upper_ends(
@@ -222,6 +221,7 @@ def _with_upper_ends(
     return replace(uncertainty, estimates=tuple(map(bounded, uncertainty.estimates)))
 
 
+@in_float64
 def examine(problem: Problem, parameters: CircuitParameters, assessment: Assessment) -> Examination:
     """Profiles of all free parameters, by further fits.
 
@@ -232,6 +232,5 @@ def examine(problem: Problem, parameters: CircuitParameters, assessment: Assessm
     """
     given = {"covariance": assessment.covariance, "objective": ConstantObjective.of(problem)}
     free = [own.name for own in assessment.uncertainty.estimates if own.relative_error]
-    with one_blas_thread():
-        profiles = tuple(profile(problem, parameters, name, **given) for name in free)
+    profiles = tuple(profile(problem, parameters, name, **given) for name in free)
     return Examination(rmse_by_scan(problem, [parameters])[0], profiles)

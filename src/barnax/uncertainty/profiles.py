@@ -1,16 +1,14 @@
 """Profile likelihood: how the best error rises as one parameter is moved away from its value."""
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from ..cell import CircuitParameters
 from ..errors import InputError
-from ..global_optimum.objective import ConstantObjective, Solution
-from ..model.descent import LogScales, polish
+from ..global_optimum.objective import ConstantObjective
+from ..model.descent import polish
 from ..model.problem import Problem
 from .covariance import Covariance, linearize, named_values
 from .noise import t_quantile
@@ -100,9 +98,11 @@ def profile(
             if max(root.values()) ** 2 + best_v**2 > threshold_v**2:
                 break
             there = values[moved] * np.exp(sign * side * steps)
-            for step, met in zip(
-                steps.tolist(), _refitted(objective, moved, there, start), strict=True
-            ):
+            for step, value in zip(steps.tolist(), there.tolist(), strict=True):
+                fixed = objective.fixing(moved, value)
+                low, high = np.transpose([[axis.low, axis.high] for axis in fixed.axes])
+                met = polish(fixed, fixed.solve(tuple(np.clip(start, low, high).tolist())))
+                # The next one descends from here.
                 start = met.log_scales
                 # In another order of the pairs the name belongs to another pair.
                 if np.all(np.diff(start[:ordered]) >= 0):
@@ -123,18 +123,6 @@ def profile(
         low=low,
         high=high,
     )
-
-
-def _refitted(
-    objective: ConstantObjective, name: str, values: Float[np.ndarray, "values"], start: LogScales
-) -> Iterator[Solution]:
-    """The best circuits with each of a parameter's values, from the scales of the one before."""
-    for value in values.tolist():
-        fixed = objective.fixing(name, value)
-        ends = np.transpose([[axis.low, axis.high] for axis in fixed.axes])
-        met = polish(fixed, fixed.solve(tuple(np.clip(start, *ends).tolist())))
-        start = met.log_scales
-        yield met
 
 
 def _crossing(root: dict[float, float], wanted: float) -> float | None:

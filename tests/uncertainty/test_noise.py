@@ -21,7 +21,6 @@ def followed_and_fitted(noise_v, columns, time_s, slots):
         counts=slots.gathered(time_s, np.ones(len(time_s))),
         errors_v=slots.gathered(time_s, left_v),
         columns=slots.gathered(time_s, columns),
-        products=np.eye(columns.shape[1]),
         squares_v2=np.sum(left_v**2, axis=0),
     )
 

@@ -61,18 +61,13 @@ class Compressed(AbstractEvaluator):
 
     def padded_to_multiple(self, step: int) -> "Compressed":
         """The same with rows and nodes filled up to a multiple of `step` by ones without effect."""
-        in_tau = self.in_tau.padded_to_multiple(step)
-        in_rate = None if self.in_rate is None else self.in_rate.padded_to_multiple(step)
-        factor = np.asarray(self.factor)
-        rows, nodes = factor.shape[0], len(self.in_tau.nodes)
-        filled = np.zeros((-(-rows // step) * step, len(in_tau.nodes) + 2), factor.dtype)
-        filled[:rows, :nodes] = factor[:, :nodes]
-        if in_rate is not None:
-            responses = np.zeros((len(filled), len(in_rate.nodes)), factor.dtype)
-            responses[:rows, : factor.shape[1] - nodes - 2] = factor[:, nodes:-2]
-            filled = np.insert(filled, [len(in_tau.nodes)], responses, axis=1)
-        filled[:rows, -2:] = factor[:, -2:]
-        return Compressed(self.scored, as_input(filled), in_tau, in_rate)
+        spans = [self.in_tau] if self.in_rate is None else [self.in_tau, self.in_rate]
+        ends = np.cumsum([len(span.nodes) for span in spans])
+        *answers, others = np.split(np.asarray(self.factor), ends, axis=1)
+        filled = [np.pad(columns, ((0, 0), (0, -columns.shape[1] % step))) for columns in answers]
+        factor = np.pad(np.hstack([*filled, others]), ((0, -len(others) % step), (0, 0)))
+        spans = [span.padded_to_multiple(step) for span in spans]
+        return Compressed(self.scored, as_input(factor), *spans)
 
 
 def compress(records: Sequence[PreparedRecord], box: Coordinates) -> Compressed:

@@ -287,21 +287,19 @@ class Linearized:
         longest_s = max(prepared.scored_duration_s for prepared in objective.prepared_records)
         slots = Slots.of(time_s, longest_s, MAX_SLOTS)
         width, sides = ways.shape[1], values.shape[1]
-        counts, errors = np.zeros(slots.count), np.zeros((slots.count, sides))
-        sums = np.zeros((slots.count, width))
-        products, slopes, first = np.zeros((width, width)), np.zeros((width, sides)), 0
-        squares_v2 = np.zeros(sides)
+        # Of [J e 1]: their sums in every slot, and their scalar products.
+        sums, products = np.zeros((slots.count, width + sides + 1)), np.zeros((width + sides,) * 2)
+        first = 0
         for columns, base, informed in rows:
             here = time_s[first : first + len(base)][informed]
             first += len(base)
-            error = (base + columns[:, : len(values)] @ values)[informed]
-            columns = columns[informed] @ ways
-            counts += slots.gathered(here, np.ones(len(error)))
-            errors += slots.gathered(here, error)
-            sums += slots.gathered(here, columns)
-            products += columns.T @ columns
-            slopes += columns.T @ error
-            squares_v2 += np.einsum("ij,ij->j", error, error)
+            errors_v = base + columns[:, : len(values)] @ values
+            both = np.column_stack([columns @ ways, errors_v])[informed]
+            sums += slots.gathered(here, np.column_stack([both, np.ones(len(both))]))
+            products += both.T @ both
+        columns, errors_v, counts = np.split(sums, [width, width + sides], axis=1)
+        squares_v2 = np.diag(products)[width:]
+        products, slopes = products[:width, :width], products[:width, width:]
         scale = np.sqrt(np.diag(products))
         scale = np.where(scale > 0, scale, 1.0)
         lengths, vectors = np.linalg.eigh(products / np.outer(scale, scale))
@@ -309,13 +307,12 @@ class Linearized:
         # J = Q T with T the square root of J'J in the seen directions.
         root = np.sqrt(lengths[seen])
         to_noise = root[:, None] * vectors[:, seen].T * scale
-        columns = (sums / scale) @ vectors[:, seen] / root
+        columns = (columns / scale) @ vectors[:, seen] / root
         noises = fit_gathered(
             slots,
-            counts=counts,
-            errors_v=errors,
+            counts=counts[:, 0],
+            errors_v=errors_v,
             columns=columns,
-            products=np.eye(len(root)),
             squares_v2=squares_v2,
         )
         samples = len(time_s)

@@ -174,7 +174,6 @@ def fit_noise(
         counts=slots.gathered(time_s, np.ones(len(time_s))),
         errors_v=slots.gathered(time_s, error_v[:, None]),
         columns=slots.gathered(time_s, columns),
-        products=columns.T @ columns,
         squares_v2=np.array([error_v @ error_v]),
     )
     return noise
@@ -222,13 +221,11 @@ def fit_gathered(
     counts: Float[np.ndarray, "slots"],
     errors_v: Float[np.ndarray, "slots sides"],
     columns: Float[np.ndarray, "slots columns"],
-    products: Float[np.ndarray, "columns columns"],
     squares_v2: Float[np.ndarray, "sides"],
 ) -> list[Noise]:
     """The same from what was gathered in slots: how many samples, their errors' and columns' sums;
-    of several voltages that share the columns, one each.
-
-    `products` are the scalar products of the columns, `squares_v2` those of the errors.
+    of several voltages that share the columns, one each. `squares_v2` are the errors' sums of
+    squares.
     """
     slot_s, reach, samples = slots.slot_s, slots.reach, float(counts.sum())
     padded = 1 << (2 * slots.count - 2).bit_length()
@@ -241,9 +238,10 @@ def fit_gathered(
 
     pairs = irfft(np.abs(rfft(counts, padded)) ** 2, padded)[: slots.count]
     ends = _record_ends(counts, reach)
-    spread = np.empty((len(times) + 1, *products.shape))
-    spread[0] = products
-    within = np.empty((len(edges) - 1, *products.shape))
+    width = columns.shape[1]
+    spread = np.empty((len(times) + 1, width, width))
+    spread[0] = np.eye(width)
+    within = np.empty((len(edges) - 1, width, width))
     crossed = np.zeros((len(edges) - 1, len(times)))
     for place, column in enumerate(np.ascontiguousarray(columns.T)):
         smoothed = np.stack([_smoothed(column, time, ends) for time in times])

@@ -195,9 +195,8 @@ def _fitted(setup: Setup) -> TableFits:
     else:
         assert setup.chosen is not None, "a point of the family"
         objective = setup.chosen.objective
-        proof = certify(objective, setup.chosen.best)
         records = objective.prepared_records
-        fit = fit_of(objective, proof)
+        fit = fit_of(objective, certify(objective, setup.chosen.best))
         own = compare_with_own(records, fit, objective.settings)
         fits = TableFits((replace(fit, own_ocv=own),), settings=setup.tables)
     groups = [records]

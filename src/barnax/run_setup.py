@@ -225,8 +225,7 @@ def _registered(chosen: Fitted, tables: TableSettings) -> Fitted:
     law = Dependence(**{**known.follows}) if known.follows else None  # pyrefly: ignore
     records = [record.following(law) for record in records]
     objective = reduced_objective(records, own)
-    best = find_best(objective)
-    return Fitted(replace(chosen.point, law=law), objective, best, chosen.loss)
+    return Fitted(replace(chosen.point, law=law), objective, find_best(objective), chosen.loss)
 
 
 def bounded_tables(job: Job, but: str | None = None) -> TableSettings:

@@ -153,8 +153,7 @@ def fit_tables(
     settings = settings or TableSettings()
     objective = reduced_objective(prepared_records, settings)
     objective, best = with_asked(objective, find_best(objective))
-    proof = certify(objective, best)
-    return fit_of(objective, proof)
+    return fit_of(objective, certify(objective, best))
 
 
 def fit_of(

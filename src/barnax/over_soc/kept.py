@@ -261,8 +261,7 @@ def objective_of(kept: Sequence[Kept], settings: TableSettings) -> TableObjectiv
     parts = [part for record in kept for part in record.parts]
     # Factors of few rows join one of no samples.
     none = Reduced(layout, 0, np.zeros((layout.width, layout.width)))
-    whole = together([none, *parts])
-    return TableObjective(kept, settings, ranges, whole, parts, is_kept=True)
+    return TableObjective(kept, settings, ranges, together([none, *parts]), parts, is_kept=True)
 
 
 def _without_noise(objective: TableObjective, best: Solution) -> tuple[NodeInterval, ...]:

@@ -139,7 +139,7 @@ def fit_pack(
             met = polish(alone, start)
             found[side] = alone.solve(met.log_scales, met.sides, exact=True)
             light[side] = unsmoothed(alone, found[side])[1]
-    middle = np.concatenate(found[0].values), np.concatenate(light[0].values)
+    mean_cell = np.concatenate(light[0].values)
     ocv = pack.block(1 + pack.pairs)
     ocv_nodes = np.array(pack.reduced.layout.ocv_nodes)
     seen = pack.visited_of(1 + pack.pairs)
@@ -155,11 +155,9 @@ def fit_pack(
         values: dict[str, Value] = {}
         for what, direction in directions.items():
             # Of what is told by comparison, the values are those of the light fit.
-            is_other = what in (SHIFT, CAPACITY)
-            value = float(direction @ (lightly - middle[1] if is_other else rows))
-            near = float(direction @ (lightly - middle[1] if is_other else lightly))
-            if what == LOADED:
-                value, near = value + loaded_v, near + loaded_v
+            is_other, level_v = what in (SHIFT, CAPACITY), loaded_v if what == LOADED else 0.0
+            pair = (lightly - mean_cell,) * 2 if is_other else (rows, lightly)
+            value, near = (float(direction @ tables) + level_v for tables in pair)
             # The circuit's own error is common to all cells; the mean cell shows it best.
             common = 0.0 if is_other else spread.reach(0, direction)
             reach = math.hypot(spread.reach(side, direction), common)

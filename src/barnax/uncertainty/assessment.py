@@ -191,8 +191,7 @@ def assess(problem: Problem, parameters: CircuitParameters) -> Assessment:
 
     Raises `InputError` if the errors or their derivatives are not finite.
     """
-    linearization = linearize(problem, parameters)
-    covariance = Covariance.of(linearization)
+    covariance = Covariance.of(linearize(problem, parameters))
     uncertainty = _with_upper_ends(problem, parameters, covariance.summary(parameters))
     return Assessment(
         covariance=covariance,

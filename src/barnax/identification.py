@@ -83,7 +83,7 @@ def search_and_assess(
             tables = _assessed(setup, tables, of_tables, warnings)
         if assessment is not None:
             uncertainty = assessment.uncertainty
-            if other is not None and tables is None and R0 in uncertainty.beyond(other):
+            if other is not None and tables is None and uncertainty[R0].excludes(other.r0):
                 warnings.append(hold_warning(problem, parameters.r0, other.r0))
             others = _others(problem, parameters, other)
             assessment = replace(assessment, uncertainty=uncertainty.spanning(others))

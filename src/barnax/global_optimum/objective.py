@@ -140,16 +140,13 @@ class LinearObjective(abc.ABC):
         error = errors_of(columns, base, x)
         return np.sum(error**2, axis=1) + np.sum((self.penalty @ x) ** 2, axis=0)
 
-    def error_slopes(self, found: Solution) -> list[Float[np.ndarray, "rows"]]:
-        """The derivatives of the error by the scales at fixed unknowns."""
-        return [
+    def slope(self, found: Solution) -> Float[np.ndarray, "axes"]:
+        """The derivative of the least J by the scales: that at fixed unknowns, which are best."""
+        slopes = [
             axis.slopes_at(where) @ (np.ones(1) if axis.table is None else found.values[axis.table])
             for axis, where in zip(self.axes, found.log_scales, strict=True)
         ]
-
-    def slope(self, found: Solution) -> Float[np.ndarray, "axes"]:
-        """The derivative of the least J by the scales: that at fixed unknowns, which are best."""
-        return np.array([2 * float(found.error @ slope) for slope in self.error_slopes(found)])
+        return np.array([2 * float(found.error @ slope) for slope in slopes])
 
 
 @dataclass(frozen=True, eq=False)

@@ -111,18 +111,6 @@ def span_through(log_taus: Sequence[float]) -> Span:
     )
 
 
-def span_around(log_taus: Sequence[float], step: float) -> Span:
-    """The same with what is one step to either side of each, of which its slope is the difference.
-
-    >>> span = span_around((0.0, 3.0), 0.5)
-    >>> (span.counts(np.array([3.0])) @ span.slope / span.half_width).round(9).tolist()
-    [[0.0, 0.0, 0.0, -1.0, 0.0, 1.0]]
-    """
-    span = span_through(np.add.outer(log_taus, [-step, 0.0, step]).ravel().tolist())
-    difference = np.array([-1.0, 0.0, 1.0]) * span.half_width / (2 * step)
-    return span._replace(slope=np.kron(np.eye(len(log_taus)), np.tile(difference, (3, 1))))
-
-
 @functools.cache
 def interpolation_error(count: int, half_width: float) -> float:
     """A bound on the error of interpolation between `count` nodes, relative to the current.

@@ -21,7 +21,7 @@ from ..cell.elements import alike, rungs_of
 from ..cell.parameters import HALF_HYSTERESIS, OCV, OCV_CORRECTION, CircuitParameters
 from ..cell.soc_axis import is_above
 from ..execution import in_float64
-from ..model.exponentials import span_around
+from ..model.exponentials import span_through
 from ..model.prepared import PreparedRecord
 from ..model.reduced import Columns, Reduced, blocks
 from ..model.reference import errors_along
@@ -334,8 +334,10 @@ def linearized(
     """
     tau, rate = found.log_scales[: objective.pairs], found.log_scales[objective.pairs :]
     rungs = rungs_of(objective.elements)
-    in_tau = span_around([tau[rung.element] + math.log(rung.ratio) for rung in rungs], STEP)
-    in_rate = span_around([-scale for scale in rate], STEP) if rate else None
+    log_taus = np.array([tau[rung.element] + math.log(rung.ratio) for rung in rungs])
+    around = np.array([-STEP, 0.0, STEP])
+    in_tau = span_through((log_taus[:, None] + around).ravel().tolist())
+    in_rate = span_through((-rate[0] + around).tolist()) if rate else None
     layout = replace(objective.reduced.layout, in_tau=in_tau, in_rate=in_rate)
     # Of tables' values: steps of an OCV that rises are unknowns.
     by_values = replace(objective, settings=replace(objective.settings, rising_ocv=False))
@@ -349,7 +351,12 @@ def linearized(
                 continue
             sampled = replace(by_values, reduced=Reduced(layout, 1, block.rows(layout, scored)))
             columns, base = sampled.columns(found.log_scales)
-            slopes = [*sampled.error_slopes(found)]
+            slopes = [
+                (axis.columns_at(scale + STEP) - axis.columns_at(scale - STEP))
+                @ (np.ones(1) if axis.table is None else found.values[axis.table])
+                / (2 * STEP)
+                for axis, scale in zip(sampled.axes, found.log_scales, strict=True)
+            ]
             slopes += [slope[block.here][scored] for slope in of_numbers]
             here, first = slice(first, first + len(base)), first + len(base)
             columns = np.column_stack([columns, *slopes, others[here]])

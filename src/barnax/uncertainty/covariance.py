@@ -200,6 +200,12 @@ class Estimate:
             return None
         return self.relative_error / self.white_noise_relative_error
 
+    def excludes(self, value: float) -> bool:
+        """True where the interval has both ends, and another value lies outside."""
+        if self.low is None or self.high is None:
+            return False
+        return not self.low <= value <= self.high
+
     def spanning(self, values: Sequence[float]) -> "Estimate":
         """The same with an interval that reaches over those of other values."""
         shares = [1.0, *(value / self.value for value in values)]
@@ -233,17 +239,6 @@ class Uncertainty(Brief):
     free: tuple[str, ...]
     correlation: tuple[tuple[float, ...], ...]
     noise: NoiseParts
-
-    def beyond(self, other: CircuitParameters) -> dict[str, float]:
-        """The parameters of another circuit, equally possible, that lie outside the intervals."""
-        values = named_values(other)
-        return {
-            own.name: values[own.name]
-            for own in self.estimates
-            if own.low is not None
-            and own.high is not None
-            and not own.low <= values[own.name] <= own.high
-        }
 
     def spanning(self, others: Sequence[CircuitParameters]) -> "Uncertainty":
         """The same with intervals that reach over those of other circuits, equally possible.

@@ -22,7 +22,7 @@ from barnax.cell import characterize
 from barnax.execution import in_float64
 from barnax.model.prepared import PreparedRecord, Window, prepare_record
 from barnax.model.reference import errors_along
-from barnax.over_soc.fit import level_beyond
+from barnax.over_soc.fit import visited_soc
 from barnax.over_soc.settings import TableSettings
 from barnax.select.choose import Bench, Fitted
 from barnax.select.family import NODE_LADDER, Point, limits_of
@@ -120,7 +120,8 @@ def named(fitted: Fitted) -> str:
 def error_v(fitted: Fitted, others: Sequence[PreparedRecord]) -> float:
     """The geometric mean of the RMSE over other records and that above 10 % SOC."""
     objective, whole, above = fitted.objective, [], []
-    tables = level_beyond(objective.tables_at(fitted.best), objective.prepared_records)
+    span = visited_soc(objective.prepared_records)
+    tables = objective.tables_at(fitted.best).level_beyond(*span)
     for own in others:
         prepared = prepare_record(own.record, own.cell, fitted.point.circuit, own.window)
         errors_v = errors_along(replace(prepared, circuit=fitted.point.circuit), tables)

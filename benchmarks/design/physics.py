@@ -12,7 +12,7 @@ import barnax
 from barnax.cell import CellModel, characterize
 from barnax.experiment import Step
 from barnax.experiment.protocol import hppc_steps, sampled
-from barnax.over_soc.fit import errors_on
+from barnax.over_soc.fit import pooled_errors
 from barnax.records import Record
 from barnax.reporting.design_forms import EMPTYING
 
@@ -134,9 +134,9 @@ def physics_line(name: str, kind: str, chemistry: str) -> str:
     found = [
         promised.alone,
         without_ocv(test, cell.capacity_ah, drive),
-        errors_on(prepared, with_ocv(cell, hppc).tables).rmse_v,
-        errors_on(prepared, with_ocv(cell, test).tables).rmse_v,
-        errors_on(prepared, with_ocv(cell, drive).tables).rmse_v,
+        pooled_errors([prepared], with_ocv(cell, hppc).tables).rmse_v,
+        pooled_errors([prepared], with_ocv(cell, test).tables).rmse_v,
+        pooled_errors([prepared], with_ocv(cell, drive).tables).rmse_v,
     ]
     loaded = sampled([step for step in design.steps if not step.block.startswith(LAST)])
     lowest_v = test.voltage_v[: len(loaded) - 1].min()

@@ -19,7 +19,7 @@ from barnax.experiment.information import (
     widths_of,
 )
 from barnax.model.prepared import PreparedRecord, Window, prepare_record
-from barnax.over_soc.fit import TableFit, errors_on, fit_tables
+from barnax.over_soc.fit import TableFit, fit_tables, pooled_errors
 from barnax.over_soc.registration import register
 from barnax.records import read_record
 from barnax.reporting.design import reached_half
@@ -151,7 +151,7 @@ def alone_by(cell: CellModel, prepared: PreparedRecord, fit: TableFit) -> Believ
 
 def errors_mv(fit: TableFit, records: Sequence[PreparedRecord]) -> tuple[float, float]:
     """The RMS of the errors on records, and of those above 10 % SOC."""
-    errors = [errors_on(record, fit.tables) for record in records]
+    errors = [pooled_errors([record], fit.tables) for record in records]
     squares = [(e.rmse_v**2, e.rmse_v**2 if e.above_v is None else e.above_v**2) for e in errors]
     whole, above = (1e3 * np.sqrt(np.mean(squares, axis=0))).tolist()
     return whole, above

@@ -13,7 +13,7 @@ from barnax.experiment.belief import believed_of_fit, counting
 from barnax.experiment.protocol import hppc_steps, sampled
 from barnax.model.prepared import PreparedRecord, Window, prepare_record
 from barnax.model.reference import simulate_circuit
-from barnax.over_soc.fit import TableFit, errors_on, fit_tables
+from barnax.over_soc.fit import TableFit, fit_tables, pooled_errors
 from barnax.over_soc.own_ocv import prove_own
 from barnax.over_soc.own_starts import OwnRecords
 from barnax.over_soc.problem import find_best, reduced_objective
@@ -124,7 +124,7 @@ def without_ocv(record: Record, capacity_ah: float, drive: Record) -> float:
     prepared = alone.prepared("so-rc", starts.windows)
     objective = reduced_objective(prepared, alone.settings_of("so-rc"))
     own = prove_own(alone, objective, find_best(objective), starts)
-    return errors_on(prepared_for(drive, own.cell, "so-rc"), own.fit.tables).rmse_v
+    return pooled_errors([prepared_for(drive, own.cell, "so-rc")], own.fit.tables).rmse_v
 
 
 def medians_of(fit: TableFit, truth: CircuitParameters) -> dict[str, float]:
@@ -180,8 +180,8 @@ def virtual_row(number: int) -> Row:
 
     def identified(what: str, *records: Record) -> TableFit:
         fit = with_ocv(truth.cell, *records)
-        row[f"v {what}"] = errors_on(prepared_drive, fit.tables).rmse_v
-        row[f"true {what}"] = errors_on(true_drive, fit.tables).rmse_v
+        row[f"v {what}"] = pooled_errors([prepared_drive], fit.tables).rmse_v
+        row[f"true {what}"] = pooled_errors([true_drive], fit.tables).rmse_v
         row.update({f"{key} {what}": value for key, value in medians_of(fit, truth.tables).items()})
         return fit
 

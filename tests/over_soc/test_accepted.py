@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from barnax.over_soc.fit import errors_on, fit_tables
+from barnax.over_soc.fit import fit_tables, pooled_errors
 from barnax.over_soc.settings import TableSettings
 
 GIVEN = {"tau1 [s]": 10.0, "tau2 [s]": 100.0}
@@ -50,7 +50,7 @@ def test_given_time_constants_give_the_accepted_tables(
     assert 1e3 * fit.objective_v == pytest.approx(root_mv, rel=1e-3)
     r0_ohm = fit.tables.at("R0 [Ohm]", np.array([0.5]))[0]
     assert r0_mohm is None or 1e3 * r0_ohm == pytest.approx(r0_mohm, rel=1e-3)
-    found = in_mv([errors_on(each, fit.tables) for each in measured])[: len(errors_mv)]
+    found = in_mv([pooled_errors([each], fit.tables) for each in measured])[: len(errors_mv)]
     # As many digits as are told.
     assert found == pytest.approx(errors_mv, rel=1e-3, abs=0.006 if r0_mohm is None else None)
 
@@ -84,7 +84,7 @@ def test_a_record_left_out_is_predicted_as_a_fit_to_the_others_does(measured):
     both = fit_tables(measured[:2], settings).cross_validation
     assert both is not None
     for own, other, errors in zip(measured[:2], measured[1::-1], both.by_record, strict=True):
-        scanned = errors_on(own, fit_tables([other], settings).tables)
+        scanned = pooled_errors([own], fit_tables([other], settings).tables)
         assert in_mv([errors]) == pytest.approx(in_mv([scanned]), rel=1e-6)
 
 

@@ -17,7 +17,7 @@ from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
 from barnax.over_soc import own_ocv
 from barnax.over_soc.certificate import certify
-from barnax.over_soc.fit import errors_on
+from barnax.over_soc.fit import pooled_errors
 from barnax.over_soc.level import level_cell
 from barnax.over_soc.nuisances import offset_effect
 from barnax.over_soc.problem import find_best, reduced_objective
@@ -64,7 +64,7 @@ def test_given_time_constants_give_the_accepted_errors(
         return
     # The cubic through the nodes is no straight line between them.
     for record, whole, above in zip(records, errors_mv[::2], errors_mv[1::2], strict=True):
-        errors = errors_on(prepare_record(record, own.cell, "so-rc", profile), own.fit.tables)
+        errors = pooled_errors([prepare_record(record, own.cell, "so-rc", profile)], own.fit.tables)
         assert 1e3 * errors.rmse_v == pytest.approx(whole, rel=0.05)
         assert 1e3 * errors.above_v == pytest.approx(above, rel=0.05)
 

@@ -12,7 +12,7 @@ from barnax.cell import OcvPoint, OcvTable, characterize
 from barnax.cell.parameters import RATE
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
-from barnax.over_soc.fit import errors_on, fit_tables
+from barnax.over_soc.fit import fit_tables, pooled_errors
 from barnax.over_soc.nuisances import reads_zero_at_rest
 from barnax.over_soc.problem import box_of
 from barnax.over_soc.registration import FAR_V, counted_alike, register_alone, rest_warnings
@@ -317,8 +317,8 @@ def test_tables_of_an_lfp_drive_hold_on_its_charge_once_both_are_on_one_axis(rea
     charge, counted = prepared(3, **given), prepared(3, capacity_ah=drive.capacity_ah, **given)
     assert drive.capacity_ah == pytest.approx(2.0, abs=0.01)
     tables = fit_tables([drive], TableSettings(max_boxes=0, folds=0)).tables
-    assert errors_on(charge, tables).rmse_v < 12e-3
-    found = errors_on(counted, tables)
+    assert pooled_errors([charge], tables).rmse_v < 12e-3
+    found = pooled_errors([counted], tables)
     assert found.rmse_v < 8e-3
     assert found.above_v < 8e-3
     together = fit_tables([drive, charge], TableSettings(max_boxes=0, folds=0)).errors

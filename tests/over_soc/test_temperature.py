@@ -9,7 +9,7 @@ from scipy.optimize import minimize
 from barnax.cell import CircuitParameters
 from barnax.errors import InputError
 from barnax.model.reference import simulate_circuit
-from barnax.over_soc.fit import errors_on, fit_tables
+from barnax.over_soc.fit import fit_tables, pooled_errors
 from barnax.over_soc.settings import TableSettings
 from barnax.over_soc.temperature import (
     fit_temperatures,
@@ -150,5 +150,5 @@ def test_measured_temperatures_share_time_constants_at_no_cost(samsung):
     assert 0.018 < fit.over_temperature.left_out[1].errors.above_v < 0.024
     # A record nobody has seen, at a measured temperature, has that one's tables.
     assert fit.over_temperature.measured_near(43.0) == 45.0
-    found = errors_on(prepared("us06", 45), fit.at(43.0))
+    found = pooled_errors([prepared("us06", 45)], fit.at(43.0))
     assert found.rmse_v == pytest.approx(16.1e-3, rel=0.1)

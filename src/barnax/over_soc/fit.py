@@ -192,7 +192,7 @@ def fit_of(
         objective_v=best.rms_v,
         errors=errors
         or tuple(
-            errors_on(prepared, tables)
+            pooled_errors([prepared], tables)
             for prepared in prepared_records or objective.prepared_records
         ),
         tau_ranges_s=taus_s,
@@ -228,26 +228,18 @@ def _as_stored(
         yield own.moved(level_v[own.soc]) if own.name == OCV else own
 
 
-def level_beyond(
-    tables: CircuitParameters, prepared_records: Sequence[PreparedRecord]
-) -> CircuitParameters:
-    """The tables, level beyond the nodes next to which records have scored samples: there, the
-    penalty alone would take them straight on."""
-    return tables.level_beyond(*visited_soc(prepared_records))
-
-
 def with_level_ends(fit: TableFit, prepared_records: Sequence[PreparedRecord]) -> TableFit:
-    """The fit with such tables, whose intervals there are those of the last node too."""
-    nodes = np.array(fit.tables.nodes)
-    beside = nodes[fit.tables.nodes_beside(*visited_soc(prepared_records))]
+    """The fit with tables and intervals that are level beyond the nodes next to which records have
+    scored samples: there, the penalty alone would take them straight on."""
+    nodes, span = np.array(fit.tables.nodes), visited_soc(prepared_records)
+    beside = nodes[fit.tables.nodes_beside(*span)]
     last = dict(zip(nodes.tolist(), beside.tolist(), strict=True))
     at_nodes = {(one.name, one.soc): one for one in fit.intervals}
     intervals = tuple(
         replace(at_nodes.get((one.name, last.get(one.soc, one.soc)), one), soc=one.soc)
         for one in fit.intervals
     )
-    tables = level_beyond(fit.tables, prepared_records)
-    return replace(fit, tables=tables, intervals=intervals)
+    return replace(fit, tables=fit.tables.level_beyond(*span), intervals=intervals)
 
 
 def visited_soc(prepared_records: Sequence[PreparedRecord]) -> tuple[float, float]:
@@ -255,16 +247,11 @@ def visited_soc(prepared_records: Sequence[PreparedRecord]) -> tuple[float, floa
     return float(soc.min()), float(soc.max())
 
 
-def errors_on(prepared: PreparedRecord, tables: CircuitParameters) -> SocErrors:
-    """The errors of tables on a record, by scan."""
-    return pooled_errors([prepared], tables)
-
-
 @in_float64
 def pooled_errors(
     prepared_records: Sequence[PreparedRecord], tables: CircuitParameters
 ) -> SocErrors:
-    """The same on several records together."""
+    """The errors of tables on records together, by scan."""
     return SocErrors.of(
         (error_v[prepared.scored[here]], prepared.soc[here][prepared.scored[here]])
         for prepared in prepared_records

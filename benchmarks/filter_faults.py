@@ -112,7 +112,7 @@ def rows(result: barnax.Result) -> list[str]:
     """RMS errors of each fault: without the gate, with it, and in C."""
     lines = []
     record = barnax.read_record(barnax.bundled.BUNDLED.record)
-    prepared = prepare_record(record, result.cell, result.model, result.window)
+    prepared = prepare_record(record, result.cell, result.model, result.inputs[0].window)
     model, direction = model_of(result, ("offset", "capacity")), float(prepared.start.direction)
     with tempfile.TemporaryDirectory() as name:
         compiled = programs(result, Path(name))

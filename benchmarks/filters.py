@@ -63,7 +63,8 @@ class Case:
         """The window of the replay, with the capacity of the record identified on."""
         if not self.changed:
             return self.window
-        return replace(result.window, registration=None, **dict(self.changed))
+        window = result.inputs[0].window or barnax.Window()
+        return replace(window, registration=None, **dict(self.changed))
 
     def result(self) -> barnax.Result:
         """The answer of `barnax identify`, whatever circuit that is."""

@@ -47,12 +47,10 @@ class Inputs:
     warnings: tuple[Notice, ...]
     fitted_ocv: Any = None
 
-    @property
-    def names(self) -> set[str]:
-        return {record.name for record in (*self.records, *self.validation)}
 
-
-def read_inputs(job: "Job", without_test: Callable[[list[Record]], Any] | None = None) -> Inputs:
+def read_inputs(
+    job: "Job", without_test: "Callable[[Job, list[Record]], Any] | None" = None
+) -> Inputs:
     """Every record once, with what the checks say of it, and the cell that is given or that the OCV
     tests show; over temperature those of each by themselves. `without_test` fits the cell of
     records that have no OCV test."""
@@ -104,7 +102,7 @@ def read_inputs(job: "Job", without_test: Callable[[list[Record]], Any] | None =
         options = {"capacity_ah": capacity, "rest_current_a": common.rest_current_a}
         options |= job.of_curves
         is_fitted = not tests and cell is None
-        fitted_ocv = without_test(dynamic) if is_fitted and without_test else None
+        fitted_ocv = without_test(job, dynamic) if is_fitted and without_test else None
         known: CellModel | None = fitted_ocv.cell if fitted_ocv else cell
         shown = known or _characterized(ocv_records, job, options)
     warnings = [] if is_bundled else _checked(looked_at, shown, capacity, job.window, job)
@@ -321,9 +319,10 @@ def windows_of(inputs: Inputs, window: Windows, capacity: float | None) -> dict[
     """The window of every record. Raises `InputError` where one is for a record there is not."""
     # Of an OCV test its temperature counts, and nothing else of a window.
     tests = {test.name for test in inputs.ocv}
-    require_records(windows_by_name(window).keys() - tests, inputs.names)
+    names = {record.name for record in (*inputs.records, *inputs.validation)}
+    require_records(windows_by_name(window).keys() - tests, names)
     windows = {}
-    for name in inputs.names:
+    for name in names:
         own = window_of(window, name)
         windows[name] = replace(own, capacity_ah=own.capacity_ah or capacity)
     return windows

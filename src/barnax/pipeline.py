@@ -7,7 +7,6 @@ constant circuit, and the answer is assessed and validated.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -43,7 +42,6 @@ from .run_setup import (
     Setup,
     asks_for_constant,
     bounded_tables,
-    first_problem,
     own_ocv_of,
     problem_of,
     set_up,
@@ -86,7 +84,7 @@ def identify(job: Job) -> Result:
 def _identified(job: Job, of_plan: Sequence[Notice] = ()) -> Result:
     """The same, where every file has its role."""
     optimizer = make_optimizer(job.method, job.population, job.iterations)
-    inputs = read_inputs(job, partial(own_ocv_of, job))
+    inputs = read_inputs(job, own_ocv_of)
     of_ocv = () if inputs.fitted_ocv is None else inputs.fitted_ocv.warnings
     inputs = replace(inputs, warnings=(*of_plan, *inputs.warnings, *of_ocv))
     with telling(inputs.warnings), job.watch("Choosing the circuit", 0):
@@ -132,7 +130,7 @@ def _with_fitted_ocv(
     with another sampling of the current than their voltages show."""
     given = {**windows_by_name(job.window), **inputs.fitted_ocv.windows}
     windows = windows_of(inputs, given, job.capacity)
-    first = first_problem(inputs, windows, job)
+    first = settled(problem_of(inputs, windows, job), inputs.fitted_ocv)
     sampled = _as_sampled(inputs, first)
     pairs = zip(inputs.records, sampled.records, strict=True)
     if is_last or all(before.hold.value == after.hold.value for before, after in pairs):

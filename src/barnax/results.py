@@ -357,11 +357,6 @@ class Result(Document):
         return start
 
     @property
-    def window(self) -> Window:
-        """The first record's."""
-        return self._first.window or Window()
-
-    @property
     def common_window(self) -> Window:
         """The window of a record that the result is not of: the cell's capacity and rest current,
         where they were given for all records alike. A start and scored samples are one file's."""

@@ -41,11 +41,6 @@ CONSTANT = "so-rc"
 LEAST_DOUBT_V = 0.002
 
 
-def first_problem(inputs: Inputs, windows: Mapping[str, Window], job: Job) -> Problem:
-    """A constant circuit on the records, with what the voltage shows of them."""
-    return settled(problem_of(inputs, windows, job), inputs.fitted_ocv)
-
-
 def settled(problem: Problem, fitted: OwnOcv | None = None) -> Problem:
     """The problem with the OCV at rest where sweeps measured it under load, and the directions
     before the start and the sampling of the current that the voltage shows."""

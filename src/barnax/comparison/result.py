@@ -20,7 +20,7 @@ from ..model.search_space import ranges_of
 from ..notices import Notice
 from ..records import Record
 from ..result_parts import Candidate, InputPart, all_versions
-from ..run_setup import first_problem, set_up
+from ..run_setup import problem_of, set_up, settled
 from ..schema import Document, Parameters, Part, Told
 from ..settings import TableOptions
 from .run import PAPER_ROWS, Comparison, Difference, Row, compare
@@ -195,7 +195,7 @@ def compare_files(job: ComparisonJob) -> tuple[Comparison, ComparisonResult]:
     )
     with watch("Circuits", 0):
         alone = Job(seeds=0, bounds=job.bounds, fix=job.fix, tables=job.table_settings)
-        setup = set_up(first_problem(inputs, windows, alone), inputs, windows, alone)
+        setup = set_up(settled(problem_of(inputs, windows, alone)), inputs, windows, alone)
         usual = search_and_assess(setup, None, alone, "none", unwatched)
     result = make_comparison_result(
         comparison, usual.candidates, ocv=inputs.ocv, warnings=inputs.warnings

@@ -59,7 +59,6 @@ GENERAL = {
 READING = {
     "records/source.py",
     "schema.py",
-    "factors.py",
     "model/search_space.py",
     "plan/document.py",
 }

@@ -8,7 +8,6 @@ and no more memory is taken than the file is long before every size in it has be
 import hashlib
 import io
 import json
-import os
 import zipfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -20,7 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from .cell.parameters import require_nodes
 from .errors import InputError, printable
-from .files import fetched, is_address
+from .files import fetched
 from .model.layout import Layout
 from .model.reduced import Reduced
 from .over_soc.kept import FACTS, Grid, Kept, KeptOcv, OcvSource
@@ -145,18 +144,7 @@ def read_factors(path: str | Path) -> list[Kept]:
 
     Raises `InputError` where it is none, broken, of another version or too large.
     """
-    try:
-        if is_address(path):
-            content, is_long = fetched(path, LARGEST_FILE), False
-        else:
-            with open(path, "rb") as file:
-                # A device has no size, and no end.
-                is_long = os.fstat(file.fileno()).st_size > LARGEST_FILE
-                content = b"" if is_long else file.read(LARGEST_FILE + 1)
-    except OSError as problem:
-        raise InputError(f"{path}: cannot be read ({problem.strerror})") from problem
-    if is_long or len(content) > LARGEST_FILE:
-        raise InputError(f"{path}: is longer than {LARGEST_FILE:,} bytes, and not read")
+    content = fetched(path, LARGEST_FILE)
     try:
         return _parsed(content)
     except InputError as problem:

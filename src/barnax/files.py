@@ -88,16 +88,21 @@ def located(where: str | Path) -> Any:
 
 
 def fetched(address: str | Path, most_bytes: int) -> bytes:
-    """The content at an address. Raises `InputError` where it cannot be read, or is longer."""
+    """The content of a file, or at an address. Raises `InputError` where it cannot be read, or is
+    longer."""
     try:
-        with located(address).open("rb") as file:
-            content = file.read(most_bytes + 1)
+        place = located(address)
+        with place.open("rb") as file:
+            # A device has no size, and no end.
+            is_long = isinstance(place, Path) and os.fstat(file.fileno()).st_size > most_bytes
+            content = b"" if is_long else file.read(most_bytes + 1)
     except InputError:
         raise
     except Exception as problem:
         # Each store has errors of its own.
-        raise InputError(f"{address}: cannot be read ({reason_of(problem)})") from problem
-    if len(content) > most_bytes:
+        reason = None if is_address(address) else getattr(problem, "strerror", None)
+        raise InputError(f"{address}: cannot be read ({reason or reason_of(problem)})") from problem
+    if is_long or len(content) > most_bytes:
         raise InputError(f"{address}: is longer than {most_bytes:,} bytes, and not read")
     return content
 

@@ -39,30 +39,9 @@ class Kind:
     is_told: bool = False
     words: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
-    def missing(self, values: Mapping[str, Value]) -> set[str]:
-        """The values that the words need beside those given."""
-        waiting, seen = [self.says, self.remedy, self.severity], set[str]()
-        while waiting:
-            names = {name for _, name, _, _ in Formatter().parse(waiting.pop()) if name} - seen
-            choices = names & self.words.keys()
-            waiting += [_chosen(self.words[name], _value(name, values)) for name in choices]
-            seen |= names
-        return seen - values.keys() - self.words.keys()
-
     def worded(self, template: str, values: Mapping[str, Value]) -> str:
         """A template filled in."""
         return _Words(self.words).vformat(template, (), values)
-
-
-def _value(name: str, values: Mapping[str, Value]) -> Value | None:
-    """The value that a field of a template is about."""
-    return values.get(name.partition(".")[0])
-
-
-def _chosen(choices: Mapping[str, str], value: Value | None) -> str:
-    """The words of a choice."""
-    name = "none" if value is None else str(value)
-    return choices[name] if name in choices else choices["any"]
 
 
 class _Words(Formatter):
@@ -75,10 +54,11 @@ class _Words(Formatter):
         choices = self.words.get(field_name)
         if choices is None:
             return kwargs[field_name], field_name
+        name = field_name.partition(".")[0]
+        value = str(kwargs.get(name, "none"))
+        words = choices[value] if value in choices else choices["any"]
         # Within the words of a value, its name is the value itself.
-        itself = field_name, field_name.partition(".")[0]
-        others = {name: own for name, own in self.words.items() if name not in itself}
-        words = _chosen(choices, _value(field_name, kwargs))
+        others = {key: own for key, own in self.words.items() if key not in (name, field_name)}
         return _Words(others).vformat(words, args, kwargs), field_name
 
     def format_field(self, value: Any, format_spec: str) -> str:
@@ -140,11 +120,11 @@ class Notice:
             for name, value in self.values.items()
             if value is not None
         }
-        if missing := self.kind.missing(plain):
-            raise KeyError(f"a notice {self.code!r} needs {', '.join(sorted(missing))}")
         object.__setattr__(self, "values", plain)
         object.__setattr__(self, "subject", printable(self.subject))
         object.__setattr__(self, "rating", self.severity)
+        # Fails here, and not where somebody reads it, if its words need a value that is not given.
+        str(self)
 
     def __hash__(self) -> int:
         return hash((self.code, self.subject, self.row, *self.values.values()))

@@ -72,31 +72,26 @@ Flags = Bool[np.ndarray, "samples"]
 _UNITS = {"voltage": "v", "current": "a"}
 
 
-def find_voltage_spikes(given: CheckInput) -> Iterator[Notice]:
-    """Voltages that leave their neighbors, and no current says why."""
-    yield from _told(given, "voltage-spikes.unexplained", voltage_spikes(given), "voltage")
-
-
-def find_current_spikes(given: CheckInput) -> Iterator[Notice]:
-    """Currents that leave their neighbors, and the voltage does not answer."""
+def find_spikes(given: CheckInput) -> Iterator[Notice]:
+    """Voltages that leave their neighbors, and no current says why; and currents that do, and the
+    voltage does not answer."""
+    both = [("voltage-spikes.unexplained", "voltage", _voltage_spikes(given))]
     if given.samples.resistance_ohm:
         ohmic_v = given.record.current_a * given.samples.resistance_ohm
         spiked = _spikes(given, ohmic_v, given.record.voltage_v, after=1)
-        yield from _told(given, "current-spikes.unanswered", spiked, "current")
+        both.append(("current-spikes.unanswered", "current", spiked))
+    for code, channel, spiked in both:
+        if spiked.any():
+            values, unit, at = given.samples.values[channel], _UNITS[channel], int(spiked.argmax())
+            told = {f"spike_{unit}": values[at], f"beside_{unit}": values[at - 1]}
+            yield given.at(at, code, channel, samples=spiked.sum(), **told)
 
 
-def voltage_spikes(given: CheckInput) -> Flags:
+def _voltage_spikes(given: CheckInput) -> Flags:
     """True where the voltage spikes."""
     # A current explains what the voltage does at that moment and later.
     answer_v = given.record.current_a * given.response_ohm
     return _spikes(given, given.source_v, answer_v, after=0)
-
-
-def _told(given: CheckInput, code: str, spiked: Flags, channel: str) -> Iterator[Notice]:
-    if spiked.any():
-        values, unit, at = given.samples.values[channel], _UNITS[channel], int(np.argmax(spiked))
-        told = {f"spike_{unit}": values[at], f"beside_{unit}": values[at - 1]}
-        yield given.at(at, code, channel, samples=spiked.sum(), **told)
 
 
 def _spikes(given: CheckInput, values: Channel, other: Channel, after: int) -> Flags:
@@ -160,7 +155,7 @@ def find_stuck_current(given: CheckInput) -> Iterator[Notice]:
         return
     step_v = given.samples.step_v.copy()
     # A spike of the voltage is a fault of the voltage.
-    spiked = voltage_spikes(given)
+    spiked = _voltage_spikes(given)
     step_v[spiked[1:] | spiked[:-1]] = 0
     least_v = max(_JUMP_V, _JUMP_NOISE * given.samples.noise_v, 3 * given.resolution_v)
     up, down = _total(step_v > least_v, first, last), _total(step_v < -least_v, first, last)

@@ -1,7 +1,6 @@
 """Ampere-hours: by integration, by counters, against the capacity, and in rests with a current."""
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 
@@ -151,15 +150,6 @@ _SETTLED_V, _SPREAD = 0.01, 0.3
 _DRIFT, _NOTED_DRIFT = 0.01, 5e-3
 
 
-class _Rest(NamedTuple):
-    """First and last sample of a rest, the median of its current, and its length."""
-
-    first: int
-    last: int
-    current_a: float
-    length_s: float
-
-
 def find_rests(given: CheckInput) -> Iterator[Notice]:
     """A current that is not zero while the cell rests, or so noisy that it hides the rests."""
     rests = _rests(given)
@@ -169,18 +159,17 @@ def find_rests(given: CheckInput) -> Iterator[Notice]:
         yield given.at(given.segments.is_rested, "rests.noisy", rest_a=given.segments.rest_a)
 
 
-def _doubt_a(given: CheckInput, rests: list[_Rest]) -> float:
-    """The largest median of the rests' currents that noise may make."""
+def _doubt_a(given: CheckInput, samples: int) -> float:
+    """The largest median of the currents of so many samples at rest that noise may make."""
     peak_a, step_a = given.samples.peak_a, np.abs(given.samples.step_a)
     is_small = np.abs(given.record.current_a) < _SMALL_SHARE * peak_a
     quiet_a = step_a[is_small[1:] & (step_a < STEADY_SHARE * peak_a)]
     noise_a = 1.4826 * float(np.median(quiet_a)) / np.sqrt(2)
-    samples = sum(rest.last - rest.first + 1 for rest in rests)
     return _SIGMAS * 1.25 * noise_a / float(np.sqrt(samples))
 
 
-def _rests(given: CheckInput) -> list[_Rest]:
-    """The runs of samples that look like rests."""
+def _rests(given: CheckInput) -> list[tuple[int, int, float]]:
+    """First and last sample of the runs that look like rests, and the median of their current."""
     record = given.record
     peak_a = given.samples.peak_a
     small_a = min(_turnover_ah(given) / _LOAD_HOURS, _SMALL_SHARE * peak_a)
@@ -204,7 +193,7 @@ def _rests(given: CheckInput) -> list[_Rest]:
         is_steady = drift_a <= _SPREAD * abs(middle_a) + 2 * given.resolution_a
         is_settled = np.ptp(voltage_v) <= _SETTLED_V + 4 * given.samples.noise_v
         if is_steady and is_settled and not _is_counted(given, a, b):
-            rests.append(_Rest(a, b, middle_a, float(record.time_s[b] - record.time_s[a])))
+            rests.append((a, b, middle_a))
     return rests
 
 
@@ -221,11 +210,11 @@ def _is_counted(given: CheckInput, first: int, last: int) -> bool:
     return moved_ah > 0 and counted_ah > 0.5 * moved_ah
 
 
-def _offset(given: CheckInput, rests: list[_Rest]) -> Iterator[Notice]:
+def _offset(given: CheckInput, rests: list[tuple[int, int, float]]) -> Iterator[Notice]:
     """An offset, if most of the rests have it and hardly any is without."""
     record, turnover_ah = given.record, _turnover_ah(given)
-    values_a = np.array([rest.current_a for rest in rests])
-    lengths_s = np.array([rest.length_s for rest in rests])
+    first, last, values_a = map(np.array, zip(*rests, strict=True))
+    lengths_s = record.time_s[last] - record.time_s[first]
     order, all_s = np.argsort(values_a), lengths_s.sum()
     middle = int(np.searchsorted(np.cumsum(lengths_s[order]), all_s / 2))
     offset_a = float(values_a[order[middle]])
@@ -236,7 +225,8 @@ def _offset(given: CheckInput, rests: list[_Rest]) -> Iterator[Notice]:
     zero_s = record.interval_s[is_zero[1:] & is_zero[:-1]].sum()
     if lengths_s[is_alike].sum() < _MOST * all_s or zero_s > _FEW * all_s:
         return
-    if abs(offset_a) <= max(_OFFSET_QUANTA * given.resolution_a, _doubt_a(given, rests)):
+    doubt_a = _doubt_a(given, int(np.sum(last - first + 1)))
+    if abs(offset_a) <= max(_OFFSET_QUANTA * given.resolution_a, doubt_a):
         return
     # Short and above what counts as rest, they are as likely the small loads of a drive cycle.
     is_large = abs(offset_a) >= turnover_ah / 100
@@ -244,7 +234,6 @@ def _offset(given: CheckInput, rests: list[_Rest]) -> Iterator[Notice]:
         return
     drift_ah = abs(offset_a) * float(record.time_s[-1] - record.time_s[0]) / 3600
     share, is_much = drift_ah / turnover_ah, drift_ah > _DRIFT * turnover_ah
-    first = rests[int(np.argmax(is_alike))].first
     value_a = -offset_a if record.sign.value == "charge-positive" else offset_a
     told = {"offset_a": value_a, "drift_ah": drift_ah, "rests": len(rests)}
     if is_much and given.ocv.sweeps:
@@ -253,4 +242,5 @@ def _offset(given: CheckInput, rests: list[_Rest]) -> Iterator[Notice]:
         told |= {"rest_a": 1.5 * abs(offset_a)}
     if is_large or is_much or drift_ah > _NOTED_DRIFT * turnover_ah:
         effect = None if is_large or is_much else "slight"
-        yield given.at(first, "rests.offset", **told, effect=effect)
+        at = int(first[np.argmax(is_alike)])
+        yield given.at(at, "rests.offset", **told, effect=effect)

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..notices import Notice
-from ..records.lag import LASTING, LATE_SURE, late_r0_ohm
+from ..records.lag import LASTING, LATE_SURE, answers_ohm, late_r0_ohm
 from ..records.record import equal_runs
 from ..records.silence import gaps_in
 from .traits import FINE_S, CheckInput
@@ -139,22 +139,11 @@ def find_coarse_intervals(given: CheckInput) -> Iterator[Notice]:
     yield given.at(int(np.argmax(is_coarse)) + 1, "coarse-intervals.load", **told)
 
 
-def find_smoothed_current(given: CheckInput) -> Iterator[Notice]:
-    """A voltage that takes back part of its answer to a step in the next sample, which no cell's
-    does: the current was averaged or filtered before it was written down."""
-    if given.answers_ohm is None:
-        return
-    (first_ohm, second_ohm, *_), covariance = given.answers_ohm
-    least_ohm = max(_BACK_SHARE * first_ohm, LATE_SURE * np.sqrt(covariance[1, 1]))
-    if first_ohm > 0 and -second_ohm > least_ohm and given.lag is None:
-        told = {"first_ohm": first_ohm, "back_ohm": -second_ohm}
-        yield Notice("smoothed-current.back", {**told, "interval_s": given.usual_s})
-
-
 def find_late_voltage(given: CheckInput) -> Iterator[Notice]:
     """A voltage that shows part of a step of the current only in the next samples, or its answer
-    over several, as one that was filtered does."""
-    lag, known = given.lag, given.answers_ohm
+    over several, as one that was filtered does; or that takes back part of it in the next sample,
+    which no cell's does: the current was averaged or filtered before it was written down."""
+    lag = given.lag
     if lag is not None:
         told = {"lag_s": lag.seconds, "interval_s": given.usual_s, "apart_s": abs(lag.seconds)}
         is_either = abs(lag.samples) < 1 and given.usual_s >= _ALIKE_S
@@ -162,21 +151,24 @@ def find_late_voltage(given: CheckInput) -> Iterator[Notice]:
         told |= {"age": "older" if lag.samples > 0 else "newer"}
         yield Notice("late-voltage.apart", {**told, "missing_share": min(lag.samples, 1.0)})
         return
-    if known is None or given.is_lag_given:
+    answers = answers_ohm(given.record)
+    if answers is None:
         return
-    (first_ohm, second_ohm, third_ohm, _, last_ohm), covariance = known
-    told = {"first_ohm": first_ohm, "second_ohm": second_ohm, "third_ohm": third_ohm}
-    told |= {"interval_s": given.usual_s}
-    if late_r0_ohm(known) is not None:
+    (first_ohm, second_ohm, third_ohm, _, last_ohm), covariance = answers
+    told = {"first_ohm": first_ohm, "interval_s": given.usual_s}
+    more = {"second_ohm": second_ohm, "third_ohm": third_ohm}
+    slow_ohm = max(_SLOW_SHARE * first_ohm, LATE_SURE * np.sqrt(np.max(np.diag(covariance))))
+    # A steep OCV adds the same to every answer.
+    is_slow, is_rising = second_ohm - last_ohm > slow_ohm, last_ohm - first_ohm > slow_ohm
+    if not given.is_lag_given and late_r0_ohm(answers) is not None:
         late_ohm = second_ohm - LASTING * third_ohm
         share = late_ohm / (first_ohm + late_ohm)
-        yield Notice("late-voltage.step", {**told, "missing_share": share})
-        return
-    least_ohm = max(_SLOW_SHARE * first_ohm, LATE_SURE * np.sqrt(np.max(np.diag(covariance))))
-    # A steep OCV adds the same to every answer.
-    is_slow, is_rising = second_ohm - last_ohm > least_ohm, last_ohm - first_ohm > least_ohm
-    if first_ohm > 0 and (is_slow or is_rising):
-        yield Notice("late-voltage.smoothed", told)
+        yield Notice("late-voltage.step", {**told, **more, "missing_share": share})
+    elif not given.is_lag_given and first_ohm > 0 and (is_slow or is_rising):
+        yield Notice("late-voltage.smoothed", {**told, **more})
+    back_ohm = max(_BACK_SHARE * first_ohm, LATE_SURE * np.sqrt(covariance[1, 1]))
+    if first_ohm > 0 and -second_ohm > back_ohm:
+        yield Notice("smoothed-current.back", {**told, "back_ohm": -second_ohm})
 
 
 def find_fast_load(given: CheckInput) -> Iterator[Notice]:

@@ -15,7 +15,7 @@ from ..cell.soc_axis import Sweep
 from ..errors import counted
 from ..notices import Notice
 from ..records import Record
-from ..records.lag import Known, Lag, answers_ohm, find_lag, require_lag
+from ..records.lag import Lag, find_lag, require_lag
 from ..records.record import Segments, degc_in_name, reach
 from ..records.samples import Samples
 from ..records.table import Place, found_at
@@ -113,11 +113,6 @@ class CheckInput:
         before, after = np.maximum(at - 1, 0), np.minimum(at + 2, self.record.samples - 1)
         moved_v = np.abs(self.record.voltage_v[after] - self.record.voltage_v[before])
         return float(np.quantile(moved_v / np.abs(self.samples.step_a[at]), _MAX_STEPS))
-
-    @cached_property
-    def answers_ohm(self) -> Known | None:
-        """The answers of the voltage to a step of the current; None where too few steps tell."""
-        return answers_ohm(self.record)
 
     @cached_property
     def source_v(self) -> Float[np.ndarray, "samples"]:

@@ -5,6 +5,7 @@ What was decided before the search, each with its reason, is in `golden/decision
 
 import io
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from matplotlib.figure import Figure
@@ -233,6 +234,8 @@ def test_every_decision_is_told_as_firmly_as_it_was_made():
     bare = replace(cell, errors={}, hysteresis=SegmentedHysteresis.zero())
     told += sentences("decisions.ocv", bare, None)
     box = {"R0 [Ohm]": (0.1, 0.2), "R1 [Ohm]": (0.1, 0.2), "tau1 [s]": (1.0, 10.0)}
-    boxes = search_boxes({"a": (box, {}), "b": (box, {}), "c": (box, {"C2 [F]": 500.0})})
+    free = SimpleNamespace(bounds=box, fixed={})
+    held = SimpleNamespace(bounds=box, fixed={"C2 [F]": 500.0})
+    boxes = search_boxes({"a": free, "b": free, "c": held})
     told += sentences("decisions.boxes", boxes)
     require_golden(GOLDEN / "decisions.txt", "\n".join(told) + "\n")

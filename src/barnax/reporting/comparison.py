@@ -64,11 +64,10 @@ def comparison_document(
     for on, role in zip(records, roles, strict=True):
         differences = [differences_table(result, on)] if on.differences else []
         blocks[role] = (errors_table(on), bands_table(on), *differences)
-    boxes = {name: (model.bounds, model.fixed) for name, model in result.models.items()}
     facts |= {
         "result": result,
         "view": view,
-        "boxes_of": search_boxes(boxes),
+        "boxes_of": search_boxes(result.models),
     }
     return document("compared", blocks, illustrations, roles=roles, facts=facts)
 

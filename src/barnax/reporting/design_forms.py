@@ -117,7 +117,8 @@ def procedure(design: "Design") -> str:
     for number, (name, piece) in enumerate(design.pieces, 1):
         seconds, count = round(sum(longest(step).duration_s for step in piece)), len(piece)
         steps = list(_merged(piece))
-        unit = next(n for n in range(1, len(steps) + 1) if _repeats(steps, n))
+        # As many steps as are repeated to the end.
+        unit = next(n for n in range(1, len(steps) + 1) if steps == steps[:n] * (len(steps) // n))
         what = "; ".join(map(_line, steps[:unit]))
         if unit < len(steps):
             what = f"{len(steps) // unit} times ({what})"
@@ -142,11 +143,6 @@ def _merged(steps: "Sequence[Step]") -> "Iterator[Step]":
         if is_rest:
             alike = [replace(alike[0], duration_s=sum(step.duration_s for step in alike))]
         yield from alike
-
-
-def _repeats(steps: "list[Step]", count: int) -> bool:
-    """True if the first `count` steps are repeated to the end."""
-    return len(steps) % count == 0 and steps == steps[:count] * (len(steps) // count)
 
 
 def _line(step: "Step") -> str:

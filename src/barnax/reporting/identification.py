@@ -56,7 +56,7 @@ def identification_document(
             "versions": (versions_table(result),),
         }
     constant = result.constant
-    boxes = search_boxes({constant.model: (constant.bounds, constant.fixed)})
+    boxes = search_boxes({constant.model: constant})
     facts = {"search_boxes": boxes, "summary_only": summary_only}
     return document("report", blocks, illustrations, view=view, **facts)
 

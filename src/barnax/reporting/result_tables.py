@@ -38,9 +38,9 @@ from .words import (
 )
 
 if TYPE_CHECKING:
-    from ..comparison import ComparisonResult
+    from ..comparison.result import ComparisonResult, ModelPart
     from ..plan import Plan
-    from ..result_parts import Candidate, InputPart, MetricsPart, PlannedFile
+    from ..result_parts import Candidate, ConstantPart, InputPart, MetricsPart, PlannedFile
     from ..results import Result
     from ..uncertainty import Assessment, Band, Estimate, Profile
     from .words import BandQuantity
@@ -104,13 +104,11 @@ def versions_table(stored: "Result | ComparisonResult") -> Table:
     return rows_table(caption, heads, stored.versions.items(), heads)
 
 
-def search_boxes(
-    boxes: Mapping[str, tuple[Mapping[str, tuple[float, float]], Mapping[str, float]]],
-) -> list[tuple[Any, ...]]:
+def search_boxes(searched: "Mapping[str, ConstantPart | ModelPart]") -> list[tuple[Any, ...]]:
     """Every search box: the names of each range, the values that are held, and its models."""
     alike = gathered(
-        ((tuple(bounds.items()), tuple(held.items())), model)
-        for model, (bounds, held) in boxes.items()
+        ((tuple(box.bounds.items()), tuple(box.fixed.items())), model)
+        for model, box in searched.items()
     )
     return [
         (gathered((ends, name) for name, ends in bounds), held, models)

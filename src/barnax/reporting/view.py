@@ -169,22 +169,20 @@ class View:
         return sorted(self.result.candidates, key=lambda candidate: not candidate.is_answer)
 
     @property
-    def shown_offset(self) -> "Notice | None":
-        """The warning of a current offset that the record's rests show."""
+    def offset(self) -> "tuple[OffsetEffect | None, Notice | None]":
+        """The effect of the current offset that rests show, else of a common one; and the warning
+        of the one that they show."""
         names = {part.name for part in self.identified}
         offsets = (one for one in self.result.warnings if one.code == "rests.offset")
-        return next((one for one in offsets if one.subject in names), None)
-
-    @property
-    def offset(self) -> "OffsetEffect | None":
-        """The effect of the offset that rests show, else of a common one."""
-        effect, seen = self.result.fit.of_offset, self.shown_offset
-        if not effect or seen is None:
-            return effect
-        offset_a = float(seen.values["offset_a"])
-        # So small a change is in proportion to what makes it.
-        times = abs(offset_a) / effect.offset_a
-        return replace(effect, offset_a=offset_a, r0=times * effect.r0, total=times * effect.total)
+        seen = next((one for one in offsets if one.subject in names), None)
+        effect = self.result.fit.of_offset
+        if effect and seen:
+            offset_a = float(seen.values["offset_a"])
+            # So small a change is in proportion to what makes it.
+            times = abs(offset_a) / effect.offset_a
+            more = {"offset_a": offset_a, "r0": times * effect.r0, "total": times * effect.total}
+            effect = replace(effect, **more)
+        return effect, seen
 
     @property
     def registered(self) -> "list[InputPart]":

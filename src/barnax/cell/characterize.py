@@ -11,16 +11,8 @@ from scipy.interpolate import PchipInterpolator
 from ..errors import InputError
 from ..notices import Notice
 from ..records import Record
-from .curves import (
-    Curve,
-    HysteresisFit,
-    InterpolatedCurve,
-    OcvFit,
-    PolynomialCurve,
-    SegmentedHysteresis,
-    curve_warnings,
-    fit_curve,
-)
+from ..settings import HysteresisFit, OcvFit
+from .curves import Curve, InterpolatedCurve, SegmentedHysteresis, curve_warnings, fit_curve
 from .model import REFERENCE_DEGC, CellModel, fit_error
 from .ocv_points import EITHER, OcvSweeps, OcvTable, find_sweeps
 from .soc_axis import (
@@ -169,8 +161,7 @@ def without_drop(cell: CellModel, resistance_ohm: float) -> CellModel:
         rested_v = (voltage_v[way] + share * drop_v[way]).tolist()
         moved = zip(points[way], rested_v, strict=True)
         at_rest[way] = tuple(replace(point, voltage_v=rest_v) for point, rest_v in moved)
-    ocv_fit = "polynomial" if isinstance(cell.discharge, PolynomialCurve) else "interpolated"
-    fitted = _fitted(at_rest, ocv_fit, cell.hysteresis.kind)
+    fitted = _fitted(at_rest, cell.discharge.kind, cell.hysteresis.kind)
     return replace(cell, sweep_ohm=resistance_ohm, **fitted)
 
 

@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 from jaxtyping import Float
@@ -34,6 +34,7 @@ class AbstractCurve(Brief, ABC):
     `InputError` where they are not finite or not increasing.
     """
 
+    kind: ClassVar[OcvFit]
     points: tuple[tuple[float, float], ...]
 
     def __post_init__(self) -> None:
@@ -78,6 +79,7 @@ class PolynomialCurve(AbstractCurve):
     3.25
     """
 
+    kind = "polynomial"
     coefficients: tuple[float, ...]
 
     @classmethod
@@ -107,6 +109,8 @@ class InterpolatedCurve(AbstractCurve):
     >>> float(curve(np.array(0.25)))
     3.25
     """
+
+    kind = "interpolated"
 
     @classmethod
     def fit(cls, soc: Values, voltage_v: Values) -> Self:
@@ -141,8 +145,7 @@ def curve_warnings(curve: AbstractCurve, branch: str | None) -> Iterator[Notice]
     `branch` is its name, if it has one. An OCV rises with SOC; what falls between good points
     is the fit, not the cell.
     """
-    fit = "polynomial" if isinstance(curve, PolynomialCurve) else "interpolated"
-    own = {"branch": branch, "fit": fit}
+    own = {"branch": branch, "fit": curve.kind}
     inside = np.linspace(curve.soc[:-1], curve.soc[1:], CHECKS_PER_GAP, endpoint=False, axis=1)
     grid = np.append(inside, curve.soc[-1])
     voltage_v = curve(grid)

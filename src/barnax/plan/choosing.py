@@ -15,16 +15,7 @@ from ..settings import OVER_TEMPERATURE, Reading
 from .document import Plan
 from .draft import Draft, another_cell, copies_of, named_degc, of_other_cells, why_useless, words_of
 from .looking import CandidateFile, Files, by_temperature, files_of, is_same_degc, look, split
-from .ocv import (
-    DIGITS,
-    SHOWN,
-    OcvChoice,
-    longest_reason,
-    ocv_at,
-    ocv_reason,
-    record_capacity_ah,
-    started,
-)
+from .ocv import DIGITS, SHOWN, OcvChoice, ocv_at, ocv_reason, record_capacity_ah, started
 
 # What is identified on, the kinds that show the most of a load first.
 _LOADS = ("drive cycle", "pulse test", "OCV test")
@@ -358,5 +349,5 @@ def _options(draft: Draft, runs: Files, choice: OcvChoice) -> tuple[dict[str, An
         reason = f"the Ah that {record.name} takes out of the full cell; {test}"
     elif capacity_ah is None and choice.capacity_ah is not None:
         capacity_ah = float(f"{choice.capacity_ah:.{DIGITS}g}")
-        reason = longest_reason(choice.tests)
+        reason = choice.longest_reason
     return ({}, {}) if capacity_ah is None else ({"capacity": capacity_ah}, {"capacity": reason})

@@ -46,6 +46,13 @@ class OcvChoice:
     def tells_temperature(self) -> bool:
         return all(test.temperature_degc is not None for test in self.tests)
 
+    @property
+    def longest_reason(self) -> str:
+        """Why the capacity is that of the longest discharge, in words: the tests tell none."""
+        passed_ah = [f"{sweep.passed_ah:.4g}" for sweep in _sweeps(self.tests)]
+        why = f"passed {' and '.join(passed_ah)} Ah" if passed_ah else "has none"
+        return f"the Ah of the longest discharge, because the OCV test {why}"
+
 
 def ocv_at(
     degc: float | None, free: Files, tests: Files, given_ah: float | None
@@ -90,13 +97,6 @@ def _first_cell(
             return OcvChoice(tuple(tests), cell, capacity_ah)
         reason = reason or cell
     return reason
-
-
-def longest_reason(tests: Files) -> str:
-    """Why the capacity is that of the longest discharge, in words: the tests tell none."""
-    passed_ah = [f"{sweep.passed_ah:.4g}" for sweep in _sweeps(tests)]
-    why = f"passed {' and '.join(passed_ah)} Ah" if passed_ah else "has none"
-    return f"the Ah of the longest discharge, because the OCV test {why}"
 
 
 def ocv_reason(tests: Files) -> str:

@@ -14,19 +14,11 @@ import numpy as np
 from ..cell import CellModel, characterize_over_temperature
 from ..cell.model import REFERENCE_DEGC, group_near
 from ..errors import InputError
-from ..inputs import (
-    file_names,
-    how_read,
-    listed,
-    numbered,
-    source_of,
-    window_of,
-    windows_by_name,
-)
+from ..inputs import file_names, how_read, listed, numbered, source_of, window_of, windows_by_name
 from ..job import PLANNED, Job
 from ..model.window import Window, temperature_of
 from ..pulses import Pulse, first_pulse
-from ..records import Given, Record, Source, read_record, read_source
+from ..records import Record, Source, read_record, read_source
 from ..records.logger import Decision, Logger, SlowRows
 from ..records.source import STDIN
 from ..result_parts import InputPart
@@ -162,7 +154,7 @@ def prepare_pulse_tests(job: Asked) -> Asked:
     )
 
 
-def _read(given: Sequence[Given], reading: Reading) -> list[_Test]:
+def _read(given: Sequence[Any], reading: Reading) -> list[_Test]:
     """Every test once. Raises `InputError` where one has no pulses."""
     names = file_names(given)
     tests: list[_Test] = []

@@ -196,9 +196,8 @@ def _by_counter(samples: Samples) -> Samples:
             given = {"by": "count", "places": falls, "column": samples.table.header.names[index]}
             return samples.keep(order).noting(Notice("clock.ordered", given))
     if falls > _SLIPS and falls >= (1 - _FEW) * len(samples.intervals_s):
-        return samples.keep(np.arange(len(samples))[::-1]).noting(
-            Notice("clock.ordered", {"by": "reversal"})
-        )
+        given = {"by": "reversal"}
+        return samples.keep(np.arange(len(samples))[::-1]).noting(Notice("clock.ordered", given))
     return samples
 
 

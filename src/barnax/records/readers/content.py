@@ -204,12 +204,6 @@ def as_utf8(content: bytes) -> bytes:
     if len(quoted) > 0.5 * head.count(b"\n"):
         # Novonix, and spreadsheets that took a file for one column.
         content = _QUOTED_LINE.sub(lambda line: line[1].replace(b'""', b'"'), content)
-    _require_lines(content)
-    return content
-
-
-def _require_lines(content: bytes) -> None:
-    """Raise InputError for a line that no table has."""
     for start in range(0, len(content) - _LONGEST_LINE, _LONGEST_LINE):
         if content.find(b"\n", start, start + _LONGEST_LINE) < 0:
             row = content.count(b"\n", 0, start) + 1
@@ -217,6 +211,7 @@ def _require_lines(content: bytes) -> None:
                 f"row {row} has more than {_LONGEST_LINE:,} letters, so this is no table "
                 "of measurements; export the record as CSV, Parquet or a workbook."
             )
+    return content
 
 
 def head_lines(content: bytes) -> list[str]:

@@ -257,7 +257,7 @@ def examine_series(samples: Samples, series: int) -> Samples:
     samples = samples.having(voltage=voltage_v).noting(Notice("series.divided", values))
     low_v, middle_v, high_v = np.quantile(samples.voltage_v, _ENDS)
     # Half of what is one cell's is a voltage of LTO too.
-    is_lto = middle_v >= _LEAST_V and high_v <= _LTO_V < _HIGHEST_V < series * high_v
+    is_lto = middle_v >= _LEAST_V and high_v <= _LTO_V and series * high_v > _HIGHEST_V
     if is_lto or (middle_v >= _LFP_V and high_v <= _HIGHEST_V):
         return samples
     fewest = int(np.ceil(series * high_v / _CHARGED_V))

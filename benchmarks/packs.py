@@ -16,7 +16,7 @@ from tests.helpers.packs import PackedCell, alike, drive_a, frame, ocv_table, si
 
 import barnax
 from barnax.factors import factors_to_bytes
-from barnax.fleet.dataset import dataset_path, keep_factors, regrouped, write_rows
+from barnax.fleet.dataset import dataset_path, factors_path, keep_file, regrouped, write_rows
 from barnax.fleet.engine import identify_fleet
 from barnax.model.prepared import PreparedRecord, prepare_record
 from barnax.over_soc.kept import CONSTANT, Grid, keep
@@ -160,7 +160,7 @@ def factors(folder: Path) -> list[str]:
         contents = [factors_to_bytes([each]) for each in kept]
         dataset = []
         for place in range(stored):
-            keep_factors(out, str(place), contents[place % DISTINCT])
+            keep_file(out, factors_path(out, str(place)), contents[place % DISTINCT])
             dataset.append({"id": str(place), "error": None, "group": place // IN_GROUP})
         write_rows(dataset_path(out), dataset)
         began, cpu_began_s = time.perf_counter(), _cpu_s()

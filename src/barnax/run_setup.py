@@ -71,7 +71,7 @@ def with_joint_starts(problem: Problem) -> Problem:
         optimum = find_global_optimum(problem, prove=False)
         joint = Covariance.of(linearize(problem, optimum.parameters))
         # In standard errors of what was told.
-        (step,), (error,) = joint.starts_step.tolist(), joint.starts_error.tolist()
+        step, error = float(joint.nuisances_step[0]), float(joint.nuisances_error[0])
         away_soc = problem.prepared.start.soc + sd * step - told.soc
         move = away_soc, 0.0, sd * error, 0.0
         moved = with_start(first, first, *move, by="circuit", told_sd=sd)

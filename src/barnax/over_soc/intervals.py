@@ -161,7 +161,7 @@ def _moves_of(
         for axis, scale in zip(lighter.axes, best.log_scales, strict=True)
     ]
     dependence, numbers = lighter.prepared_records[0].dependence, lighter.numbers
-    nuisances_v, nuisances_sd = nuisance_columns(lighter.prepared_records)
+    nuisances_v, nuisances_sd = nuisance_columns(lighter.prepared_records, lighter.tables_at(light))
     beside = np.eye(len(numbers) + len(nuisances_sd))
     others = np.asarray(block_diag(np.eye(len(is_open))[:, is_open], beside))
     # Beside the error, the one that lines leave of the curves.

@@ -16,7 +16,7 @@ from ..errors import InputError
 from ..metrics import Metrics, measure
 from ..model.prepared import PreparedRecord, prepare_record, try_record
 from ..model.problem import require_changing_voltage
-from ..model.reference import simulate_circuit
+from ..model.reference import errors_along, simulate_circuit
 from ..model.window import Window
 from ..notices import Notice
 from ..records import Record
@@ -251,16 +251,17 @@ def open_starts(
 
 
 def nuisance_columns(
-    prepared_records: Sequence[PreparedRecord],
+    prepared_records: Sequence[PreparedRecord], parameters: CircuitParameters
 ) -> tuple[Float[np.ndarray, "scored nuisances"], Float[np.ndarray, "nuisances"]]:
     """The same of all that is given beside the voltages: the starts, the hysteresis voltage of the
-    OCV test at each of its knots where the current switches it, and lags, given or not."""
+    OCV test at each of its knots, and lags, given or not."""
     by_start_v, shifts_sd = open_starts(prepared_records)
     columns = [by_start_v]
     # A long record has no room for columns of nothing.
-    circuit = get_circuit(prepared_records[0].circuit)
-    if circuit.has_hysteresis and not circuit.has_rate:
-        by_hysteresis_v = np.concatenate([*map(_by_hysteresis_v, prepared_records)])
+    if get_circuit(prepared_records[0].circuit).has_hysteresis:
+        by_hysteresis_v = np.concatenate(
+            [_by_hysteresis_v(prepared, parameters) for prepared in prepared_records]
+        )
         columns.append(by_hysteresis_v[:, np.any(by_hysteresis_v != 0, axis=0)])
     if any(prepared.record.voltage_lag_s for prepared in prepared_records):
         by_lag_v = block_diag(*(_by_lag_v(prepared)[:, None] for prepared in prepared_records))
@@ -269,18 +270,34 @@ def nuisance_columns(
     return np.hstack(columns), np.append(shifts_sd, np.zeros(further))
 
 
-def _by_hysteresis_v(prepared: PreparedRecord) -> Float[np.ndarray, "scored knots"]:
+def _by_hysteresis_v(
+    prepared: PreparedRecord, parameters: CircuitParameters
+) -> Float[np.ndarray, "scored knots"]:
     """What the errors are by the hysteresis voltage at every knot, which is known to its own size:
     sweeps have their drop in it, and at the ends rests of turning points belong to both branches.
 
     Without turns of the current it is part of the OCV, so only what differs from the mean counts.
     """
-    soc, direction = prepared.soc[prepared.scored], prepared.direction[prepared.scored]
-    circuit = get_circuit(prepared.circuit)
-    state = direction if circuit.turning is None else circuit.turning(soc, direction)
-    sd_v = math.sqrt(np.mean(prepared.cell.hysteresis_v(soc) ** 2))
+    soc, half_v = prepared.soc[prepared.scored], prepared.cell.hysteresis_v
+    state = hysteresis_state(prepared, parameters)[prepared.scored]
+    sd_v = math.sqrt(np.mean(half_v(soc) ** 2))
     columns_v = -sd_v / 2 * (state - np.mean(state))[:, None] * hats(soc, KNOTS)
     return columns_v.astype(np.float32)
+
+
+def hysteresis_state(
+    prepared: PreparedRecord, parameters: CircuitParameters
+) -> Float[np.ndarray, "simulated"]:
+    """The state in [-1, 1] that the hysteresis voltage is multiplied by."""
+    circuit = get_circuit(prepared.circuit)
+    if circuit.turning is not None:
+        return circuit.turning(prepared.soc, prepared.direction)
+    if parameters.gamma is None:
+        return prepared.direction
+    flat = replace(prepared, hysteresis_amplitude_v=np.ones_like(prepared.soc))
+    none = replace(prepared, hysteresis_amplitude_v=np.zeros_like(prepared.soc))
+    turned_v = errors_along(none, parameters) - errors_along(flat, parameters)
+    return prepared.start.direction + turned_v
 
 
 def _by_lag_v(prepared: PreparedRecord) -> Float[np.ndarray, "scored"]:

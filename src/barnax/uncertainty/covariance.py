@@ -23,7 +23,7 @@ from ..display import Brief
 from ..errors import InputError
 from ..execution import as_input, compile_for, in_float64
 from ..model.problem import Objective, Problem, point_blocks, residuals
-from ..search.evaluate import one_clock, open_starts
+from ..search.evaluate import nuisance_columns, one_clock
 from ..search.refine import at_bound
 from .noise import CONFIDENCE, Noise, fit_noise
 
@@ -49,17 +49,17 @@ class Linearization(Brief):
     scored samples, measured minus simulated like `error_v`. `held` says of every other parameter
     why it is not free. `time_s` joins the clocks of all records, further apart than `longest_s`,
     the duration of the longest of them. `informed` are the samples that say something of the
-    circuit: those of a rest before the first load do not. `by_start_v` is what a standard error of
-    each record's start makes of the errors, for the starts that voltages tell; `starts_sd` is how
-    far those are from what these tell, in standard errors.
+    circuit: those of a rest before the first load do not. `by_nuisance_v` is what a standard error
+    of each nuisance makes of the errors (`nuisance_columns`); `nuisances_sd` is how far those are
+    from what is given, in standard errors.
     """
 
     point: Float[np.ndarray, "coordinates"]
     free: tuple[int, ...]
     names: tuple[str, ...]
     held: dict[str, Held]
-    by_start_v: Float[np.ndarray, "scored starts"]
-    starts_sd: Float[np.ndarray, "starts"]
+    by_nuisance_v: Float[np.ndarray, "scored nuisances"]
+    nuisances_sd: Float[np.ndarray, "nuisances"]
     time_s: Float[np.ndarray, "scored"]
     longest_s: float
     error_v: Float[np.ndarray, "scored"]
@@ -132,14 +132,14 @@ def linearize(
         if name not in held and not is_seen[index]
     }
     free = tuple(index for index, name in enumerate(box.names) if name not in held)
-    by_start_v, starts_sd = open_starts(problem.prepared_records)
+    by_nuisance_v, nuisances_sd = nuisance_columns(problem.prepared_records, parameters)
     return Linearization(
         point=point,
         free=free,
         names=tuple(box.names[index] for index in free),
         held=held,
-        by_start_v=by_start_v,
-        starts_sd=starts_sd,
+        by_nuisance_v=by_nuisance_v,
+        nuisances_sd=nuisances_sd,
         time_s=one_clock(problem.prepared_records),
         longest_s=max(prepared.scored_duration_s for prepared in problem.prepared_records),
         error_v=error_v,
@@ -262,11 +262,10 @@ class Uncertainty(Brief):
 class Covariance(Brief):
     """Covariances of the free parameters' logarithms, and the noise that they follow from.
 
-    Starts that voltages tell are estimated together with the parameters: each is one more unknown,
-    with what is told of it as its prior. `matrix` reckons with the correlation of the residuals,
-    `white_noise_matrix` does not. `step` and `starts_step` lead
-    to the joint optimum, in logarithms and standard errors of the starts; of these, there remain
-    `starts_error`.
+    Nuisances are estimated together with the parameters: each is one more unknown, with what is
+    given of it as its prior. `matrix` reckons with the correlation of the residuals,
+    `white_noise_matrix` does not. `step` and `nuisances_step` lead to the joint optimum, in
+    logarithms and standard errors of the nuisances; of these, there remain `nuisances_error`.
     """
 
     linearization: Linearization
@@ -274,29 +273,31 @@ class Covariance(Brief):
     matrix: Float[np.ndarray, "free free"]
     white_noise_matrix: Float[np.ndarray, "free free"]
     step: Float[np.ndarray, "free"]
-    starts_step: Float[np.ndarray, "starts"]
-    starts_error: Float[np.ndarray, "starts"]
+    nuisances_step: Float[np.ndarray, "nuisances"]
+    nuisances_error: Float[np.ndarray, "nuisances"]
     _to_noise: Float[np.ndarray, "columns free"]
-    _to_starts: Float[np.ndarray, "starts free"]
+    _to_nuisances: Float[np.ndarray, "nuisances free"]
 
     @classmethod
     def of(cls, linearization: Linearization) -> "Covariance":
         """The covariance at an optimum."""
         here = linearization.informed
         error_v, time_s = linearization.error_v[here], linearization.time_s[here]
-        values, vectors = _basis(np.hstack([linearization.slope_v, linearization.by_start_v])[here])
+        values, vectors = _basis(
+            np.hstack([linearization.slope_v, linearization.by_nuisance_v])[here]
+        )
         noise = fit_noise(error_v, vectors, time_s, linearization.longest_s)
         count, free = len(values), len(linearization.names)
-        # The noise's own strength, against which a start that is told weighs.
+        # The noise's own strength, against which what is given of a nuisance weighs.
         weight_v2 = float(np.mean(np.diag(noise.spread_v2))) if count else 0.0
         told = math.sqrt(weight_v2) * np.eye(count)[free:]
         orthogonal, triangle = np.linalg.qr(np.vstack([values, told]))
         moved = np.linalg.solve(triangle, orthogonal.T)
         spread_v2 = np.asarray(block_diag(noise.spread_v2, weight_v2 * np.eye(count - free)))
         matrix = moved @ spread_v2 @ moved.T
-        told_v = math.sqrt(weight_v2) * linearization.starts_sd
+        told_v = math.sqrt(weight_v2) * linearization.nuisances_sd
         step = -moved @ np.append(vectors.T @ error_v, told_v)
-        to_noise, to_starts = np.split(moved[:free].T, [count])
+        to_noise, to_nuisances = np.split(moved[:free].T, [count])
         variance_v2 = float(error_v @ error_v) / max(len(error_v) - free, 1)
         return cls(
             linearization=linearization,
@@ -304,19 +305,19 @@ class Covariance(Brief):
             matrix=matrix[:free, :free],
             white_noise_matrix=variance_v2 * to_noise.T @ to_noise,
             step=step[:free],
-            starts_step=step[free:],
-            starts_error=np.sqrt(np.diag(matrix)[free:]),
+            nuisances_step=step[free:],
+            nuisances_error=np.sqrt(np.diag(matrix)[free:]),
             _to_noise=to_noise,
-            _to_starts=math.sqrt(weight_v2) * to_starts,
+            _to_nuisances=math.sqrt(weight_v2) * to_nuisances,
         )
 
     def reach(self, direction: Float[np.ndarray, "free"]) -> tuple[float, float, float]:
         """The standard error of `direction` . (free logarithms), half the interval of that, and the
         degrees of freedom of both."""
-        by_starts = float(np.sum((self._to_starts @ direction) ** 2))
+        by_nuisances = float(np.sum((self._to_nuisances @ direction) ** 2))
         samples = int(np.count_nonzero(self.linearization.informed))
         freedom = samples - len(self.linearization.names)
-        return self.noise.reach(self._to_noise @ direction, by_starts, freedom)
+        return self.noise.reach(self._to_noise @ direction, by_nuisances, freedom)
 
     def estimate(self, name: str, value: float, direction: Float[np.ndarray, "free"]) -> Estimate:
         """The estimate of a quantity whose logarithm moves by `direction` . (free logarithms)."""
@@ -324,7 +325,7 @@ class Covariance(Brief):
         # Along what the data determine best, rounding can leave a variance below zero.
         white_noise_v2 = max(float(direction @ self.white_noise_matrix @ direction), 0.0)
         # Around the joint optimum, as far as the value.
-        joint = float(direction @ self.step) if len(self.starts_error) else 0.0
+        joint = float(direction @ self.step) if len(self.nuisances_error) else 0.0
         is_open = not half_width < math.log(WIDEST_FACTOR)
         high = None if is_open else float(value * np.exp(max(0.0, joint + half_width)))
         if is_open and name.endswith("[Ohm]"):

@@ -163,8 +163,8 @@ def _profiles(given: CheckInput, traits: Traits) -> list[Role]:
         missing = traits.missing_for(given.capacity_ah, is_validated)
         is_lack = missing and missing == traits.steps_lack(given.capacity_ah, is_validated)
         loose = traits.half_width(is_validated) if is_lack else None
-        unusable = Role(name, False, missing, half_width=loose)
-        roles.append(unusable if missing else Role(name, True, moves, window))
+        use = None if missing else window
+        roles.append(Role(name, not missing, missing or moves, use, loose))
     return roles
 
 

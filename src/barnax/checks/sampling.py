@@ -199,13 +199,10 @@ def find_rebuilt_clock(given: CheckInput) -> Iterator[Notice]:
     if record.step is None:
         return
     starts, ends = equal_runs(record.step, _FEWEST_IN_STEP)
-    lengths = ends - starts + 1
     if len(starts) < 3:
         return
-    inside = np.concatenate([np.arange(a + 1, a + n) for a, n in zip(starts, lengths, strict=True)])
-    pace_s = np.diff(record.time_s)[inside - 1]
-    edges = np.concatenate([[0], np.cumsum(lengths - 1)[:-1]])
-    low_s, high_s = np.minimum.reduceat(pace_s, edges), np.maximum.reduceat(pace_s, edges)
+    paces_s = [record.interval_s[a:b] for a, b in zip(starts, ends, strict=True)]
+    low_s, high_s = (np.array([*map(end, paces_s)]) for end in (np.min, np.max))
     # Parquet and workbooks keep some 1e-11 of a stamp; text a millisecond, which is too coarse.
     is_even = high_s - low_s <= 1e-6 * high_s
     spread = float(np.ptp(low_s)) / float(np.median(low_s))

@@ -17,13 +17,13 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 from scipy.linalg import block_diag
 
-from ..cell import CircuitParameters
+from ..cell import CircuitParameters, get_circuit
 from ..cell.elements import names_beside
 from ..display import Brief
 from ..errors import InputError
 from ..execution import as_input, compile_for, in_float64
 from ..model.problem import Objective, Problem, point_blocks, residuals
-from ..search.evaluate import nuisance_columns, one_clock
+from ..search.evaluate import nuisance_columns, one_clock, open_starts
 from ..search.refine import at_bound
 from .noise import CONFIDENCE, Noise, fit_noise
 
@@ -50,8 +50,8 @@ class Linearization(Brief):
     why it is not free. `time_s` joins the clocks of all records, further apart than `longest_s`,
     the duration of the longest of them. `informed` are the samples that say something of the
     circuit: those of a rest before the first load do not. `by_nuisance_v` is what a standard error
-    of each nuisance makes of the errors (`nuisance_columns`); `nuisances_sd` is how far those are
-    from what is given, in standard errors.
+    of each nuisance makes of the errors: of the starts, and with a moving hysteresis all of
+    `nuisance_columns`; `nuisances_sd` is how far those are from what is given, in standard errors.
     """
 
     point: Float[np.ndarray, "coordinates"]
@@ -132,14 +132,18 @@ def linearize(
         if name not in held and not is_seen[index]
     }
     free = tuple(index for index, name in enumerate(box.names) if name not in held)
-    by_nuisance_v, nuisances_sd = nuisance_columns(problem.prepared_records, parameters)
+    # What constants leave of a record with a switched hysteresis looks like that hysteresis.
+    if get_circuit(problem.circuit).has_rate:
+        nuisances = nuisance_columns(problem.prepared_records, parameters)
+    else:
+        nuisances = open_starts(problem.prepared_records)
     return Linearization(
         point=point,
         free=free,
         names=tuple(box.names[index] for index in free),
         held=held,
-        by_nuisance_v=by_nuisance_v,
-        nuisances_sd=nuisances_sd,
+        by_nuisance_v=nuisances[0],
+        nuisances_sd=nuisances[1],
         time_s=one_clock(problem.prepared_records),
         longest_s=max(prepared.scored_duration_s for prepared in problem.prepared_records),
         error_v=error_v,

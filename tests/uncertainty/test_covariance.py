@@ -15,7 +15,7 @@ from barnax.execution import in_float64
 from barnax.global_optimum.search import find_global_optimum
 from barnax.model.problem import make_problem
 from barnax.model.window import Window
-from barnax.search.evaluate import hysteresis_state
+from barnax.search.evaluate import hysteresis_state, nuisance_columns
 from barnax.uncertainty import assess
 from barnax.uncertainty.covariance import Covariance
 from helpers.known_cell import ocv_v
@@ -208,7 +208,7 @@ def test_resistances_are_in_their_intervals_where_the_test_has_more_hysteresis_t
     }
     cell = characterize([OcvTable("test", branches, "")], capacity_ah=2.0, ocv_fit="interpolated")
     window = Window(initial_soc=0.9, initial_direction=-1)
-    time_s, hits = 2.0 * np.arange(900), []
+    time_s, hits, widths = 2.0 * np.arange(900), [], []
     for seed in range(8):
         current_a = drive_a(900, seed, interval=8)
         current_a[0] = 1.5
@@ -221,7 +221,17 @@ def test_resistances_are_in_their_intervals_where_the_test_has_more_hysteresis_t
         problem = make_problem(record, cell, "esc", window=window)
         truth = replace(TRUTH, scales=TRUTH.scales | {"gamma": 120.0})
         np.testing.assert_allclose(hysteresis_state(problem.prepared, truth), state, atol=1e-12)
+        columns, _ = nuisance_columns(problem.prepared_records, truth)
+        # Hats add up to one: of all knots together, half of the test's gap times the state.
+        by_gap_v = -0.007 * (state - np.mean(state))
+        np.testing.assert_allclose(columns.sum(axis=1), by_gap_v, rtol=1e-4, atol=1e-6)
         found = find_global_optimum(problem, prove=False).parameters
-        own = assess(problem, found).uncertainty["R2 [Ohm]"]
+        assessment = assess(problem, found)
+        own, covariance = assessment.uncertainty["R2 [Ohm]"], assessment.covariance
         hits.append(own.low <= TRUTH.r[1] <= own.high)
-    assert np.mean(hits) >= 0.75
+        widths.append(own.high / own.low)
+        for direction in np.eye(len(covariance.matrix)):
+            variance = direction @ covariance.matrix @ direction
+            assert covariance.reach(direction)[0] ** 2 == pytest.approx(variance)
+    assert np.mean(hits) >= 0.75, hits
+    assert 1.0 < np.mean(widths) < 1.2, widths

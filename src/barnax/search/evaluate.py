@@ -10,6 +10,7 @@ from scipy.linalg import block_diag
 
 from ..cell import CellModel, CircuitParameters, get_circuit
 from ..cell.curves import KNOTS
+from ..cell.parameters import HALF_HYSTERESIS
 from ..cell.tables import hats
 from ..display import Brief
 from ..errors import InputError
@@ -237,7 +238,8 @@ def open_starts(
     start is from what they tell, in standard errors."""
     # Half the digits are enough of an error of an error.
     by_start_v = [
-        -own.start.soc_sd * own.cell.ocv_slope(own.soc[own.scored])[:, None].astype(np.float32)
+        -float(own.start.soc_sd)
+        * own.cell.ocv_slope(own.soc[own.scored])[:, None].astype(np.float32)
         for own in prepared_records
     ]
     columns = np.asarray(block_diag(*by_start_v))
@@ -258,14 +260,16 @@ def nuisance_columns(
     by_start_v, shifts_sd = open_starts(prepared_records)
     columns = [by_start_v]
     # A long record has no room for columns of nothing.
-    if get_circuit(prepared_records[0].circuit).has_hysteresis:
+    is_fitted = HALF_HYSTERESIS in parameters.tables
+    if get_circuit(prepared_records[0].circuit).has_hysteresis and not is_fitted:
         by_hysteresis_v = np.concatenate(
             [_by_hysteresis_v(prepared, parameters) for prepared in prepared_records]
         )
         columns.append(by_hysteresis_v[:, np.any(by_hysteresis_v != 0, axis=0)])
     if any(prepared.record.voltage_lag_s for prepared in prepared_records):
-        by_lag_v = block_diag(*(_by_lag_v(prepared)[:, None] for prepared in prepared_records))
-        columns.append(by_lag_v[:, np.any(by_lag_v != 0, axis=0)].astype(np.float32))
+        lags_v = (_by_lag_v(prepared)[:, None] for prepared in prepared_records)
+        by_lag_v = np.asarray(block_diag(*(own.astype(np.float32) for own in lags_v)))
+        columns.append(by_lag_v[:, np.any(by_lag_v != 0, axis=0)])
     further = sum(column.shape[1] for column in columns[1:])
     return np.hstack(columns), np.append(shifts_sd, np.zeros(further))
 
@@ -278,9 +282,14 @@ def _by_hysteresis_v(
 
     Without turns of the current it is part of the OCV, so only what differs from the mean counts.
     """
-    soc, half_v = prepared.soc[prepared.scored], prepared.cell.hysteresis_v
+    soc, amplitude_v = prepared.soc[prepared.scored], prepared.hysteresis_amplitude_v
+    gap_v = prepared.cell.hysteresis_v(soc)
+    if get_circuit(prepared.circuit).turning is not None:
+        gap_v = prepared.cell.branch_gap_v(soc)
+    elif amplitude_v is not None:
+        gap_v = 2 * amplitude_v[prepared.scored]
     state = hysteresis_state(prepared, parameters)[prepared.scored]
-    sd_v = math.sqrt(np.mean(half_v(soc) ** 2))
+    sd_v = math.sqrt(np.mean(gap_v**2))
     columns_v = -sd_v / 2 * (state - np.mean(state))[:, None] * hats(soc, KNOTS)
     return columns_v.astype(np.float32)
 

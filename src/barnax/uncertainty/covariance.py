@@ -132,11 +132,15 @@ def linearize(
         if name not in held and not is_seen[index]
     }
     free = tuple(index for index, name in enumerate(box.names) if name not in held)
+    informed = np.concatenate(
+        [prepared.informed[prepared.scored] for prepared in problem.prepared_records]
+    )
+    nuisances = open_starts(problem.prepared_records)
     # What constants leave of a record with a switched hysteresis looks like that hysteresis.
     if get_circuit(problem.circuit).has_rate:
-        nuisances = nuisance_columns(problem.prepared_records, parameters)
-    else:
-        nuisances = open_starts(problem.prepared_records)
+        further = nuisance_columns(problem.prepared_records, parameters)
+        is_many = np.count_nonzero(informed) > len(free) + further[0].shape[1]
+        nuisances = further if is_many else nuisances
     return Linearization(
         point=point,
         free=free,
@@ -148,9 +152,7 @@ def linearize(
         longest_s=max(prepared.scored_duration_s for prepared in problem.prepared_records),
         error_v=error_v,
         slope_v=slope_v[:, list(free)],
-        informed=np.concatenate(
-            [prepared.informed[prepared.scored] for prepared in problem.prepared_records]
-        ),
+        informed=informed,
     )
 
 

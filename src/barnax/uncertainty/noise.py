@@ -85,8 +85,11 @@ class Noise:
     ) -> tuple[float, float, float]:
         """The standard error of `direction` . Q' u with another variance `beside` that of the
         noise, half its interval, and its degrees of freedom, so many at most."""
-        variance = float(direction @ self.spread_v2 @ direction) + beside
-        freedom = max(1.0, min(self.degrees_of_freedom(direction), most))
+        own = float(direction @ self.spread_v2 @ direction)
+        variance = own + beside
+        # What is given has no degrees of freedom to lose (Welch and Satterthwaite).
+        more = (variance / own) ** 2 if own > 0 else math.inf
+        freedom = max(1.0, min(more * self.degrees_of_freedom(direction), most))
         error = math.sqrt(max(variance, 0.0))
         return error, t_quantile(freedom) * error, freedom
 

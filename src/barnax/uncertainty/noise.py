@@ -84,10 +84,9 @@ class Noise:
         self, direction: Float[np.ndarray, "columns"], beside: float = 0.0, most: float = 1e6
     ) -> tuple[float, float, float]:
         """The standard error of `direction` . Q' u with another variance `beside` that of the
-        noise, half its interval, and its degrees of freedom, so many at most."""
+        noise, half its interval, and its degrees of freedom (Satterthwaite, 1946), limited."""
         own = float(direction @ self.spread_v2 @ direction)
         variance = own + beside
-        # What is given has no degrees of freedom to lose (Welch and Satterthwaite).
         more = (variance / own) ** 2 if own > 0 else math.inf
         freedom = max(1.0, min(more * self.degrees_of_freedom(direction), most))
         error = math.sqrt(max(variance, 0.0))

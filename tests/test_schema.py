@@ -167,14 +167,25 @@ def test_a_file_of_another_version_says_which_barnax_wrote_it(read, version):
     )
 
 
+GAPS = {"gaps": 1, "longest_s": 60.0, "longest_row": 12, "charge": "steady", "held_ah": 0.02}
+
+
 def test_a_notice_is_stored_with_its_words_and_read_by_its_code(read):
-    values = {"gaps": 1, "longest_s": 60.0, "longest_row": 12, "charge": "steady", "held_ah": 0.02}
-    told = Notice("gaps.missing", values, "us06.csv", 12)
+    told = Notice("gaps.missing", GAPS, "us06.csv", 12)
     result = Result.from_json(RESULT).model_copy(update={"warnings": (told,)})
     (stored,) = result.to_dict()["warnings"]
     assert stored["values"]["held [A.h]"] == 0.02
     assert f"us06.csv: row 12: {stored['what']}; {stored['remedy']}" == str(told)
     assert read(json.loads(result.to_json())).warnings == (told,)
+
+
+def test_a_stored_notice_with_a_number_too_large_to_word_is_read_as_it_was_worded(read):
+    told = Notice("gaps.missing", GAPS, "us06.csv", 12)
+    result = Result.from_json(RESULT).model_copy(update={"warnings": (told,)})
+    document = json.loads(result.to_json())
+    document["warnings"][0]["values"]["held [A.h]"] = 10**400
+    (warning,) = read(document).warnings
+    assert (warning.code, str(warning)) == ("stored.text", str(told))
 
 
 def leaves_of(part: Any, place: str = "") -> Iterator[str]:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import barnax
+from barnax.notices import Notice
 from benchmarks.pages import as_markdown, provenance, save_page
 
 from .cells import Cell, draw, dynamic, ocv_test
@@ -25,8 +26,9 @@ OFF = 0.05
 CAUSES = {
     "hold": {"hold.undecided", "counters.apart", "counters.net"},
     "sampling": {"role.unfit", "fast-load.rows", "late-voltage.step", "late-voltage.apart"},
-    "circuit": {"answer.contradicted"},
 }
+# Of the codes of a hold, those that name it only where they have it as a value.
+OF_COUNTERS = {"counters.apart", "counters.net"}
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ class Outcome:
     off: float | None
     low: float | None
     high: float | None
-    codes: tuple[str, ...]
+    warnings: tuple[Notice, ...]
     rmse_v: float = 0.0
     refusal: str = ""
 
@@ -59,9 +61,13 @@ class Outcome:
         has = {
             "hold": cell.hold == "backward",
             "sampling": slow or cell.lag > 0,
-            "circuit": cell.hysteresis != "none" or len(cell.r) > 2,
         }
-        return [cause for cause, codes in CAUSES.items() if has[cause] and codes & {*self.codes}]
+        naming = {
+            warning.code
+            for warning in self.warnings
+            if warning.code not in OF_COUNTERS or "hold" in warning.values
+        }
+        return [cause for cause, codes in CAUSES.items() if has[cause] and codes & naming]
 
     @property
     def is_silently_wrong(self) -> bool:
@@ -81,8 +87,7 @@ def identified(cell: Cell, model: str) -> Outcome:
         None if each is None else each / cell.r0 - 1 for each in (value, low, high)
     )
     rmse_v = result.metrics.identification.rmse_v
-    codes = tuple(each.code for each in result.warnings)
-    return Outcome(cell, model, off, below, above, codes, rmse_v)
+    return Outcome(cell, model, off, below, above, tuple(result.warnings), rmse_v)
 
 
 def r0_of(result: barnax.Result) -> tuple[float, float | None, float | None]:

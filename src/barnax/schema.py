@@ -212,7 +212,7 @@ def _notice_of(stored: Any, read: Callable[[Any], StoredNotice]) -> Notice:
     where = part.subject, part.row, part.severity, part.sheet
     try:
         known = Notice(part.code, values, *where)
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, TypeError, ValueError, OverflowError):
         # Of another version of barnax, or of nobody's: its words are taken as they are.
         text = "; ".join(filter(None, (part.what, part.remedy)))
         return Notice("stored.text", {"text": text}, *where)

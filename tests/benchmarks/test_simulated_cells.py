@@ -4,7 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from benchmarks.simulated_cells.__main__ import CAUSES, Outcome
 from benchmarks.simulated_cells.cells import draw, dynamic, ocv_v, voltage
+
+from barnax.notices import Notice, kinds
 
 PLAIN = replace(
     draw(0), r=(0.02,), tau_s=(30.0,), hysteresis="none", gap_v=0.0, lag=0.0, offset_a=0.0
@@ -50,3 +53,17 @@ def test_a_backward_log_has_the_current_that_led_to_a_sample():
     stepped = np.diff(forward["Voltage / V"].to_numpy())
     late = np.diff(backward["Voltage / V"].to_numpy())
     assert abs(stepped[jump]) > 5 * abs(late[jump])
+
+
+@pytest.mark.parametrize("hold", [None, "backward"])
+def test_a_net_counter_names_the_hold_only_where_the_other_explains_it(hold):
+    values = {"ratio": 1.2, "column": "Ah", "inverse": 1 / 1.2, "hold": hold, "held_ratio": 1.0}
+    warning = Notice("counters.net", values)
+    cell = replace(PLAIN, hold="backward")
+    wrong = Outcome(cell, "1rc", 0.1, 0.05, 0.15, (warning,))
+    assert wrong.causes == ([] if hold is None else ["hold"])
+    assert wrong.is_silently_wrong == (hold is None)
+
+
+def test_every_code_that_names_a_cause_is_one_of_a_notice():
+    assert set.union(*CAUSES.values()) <= {*kinds()}

@@ -59,6 +59,11 @@ def test_shards_and_the_whole_share_a_folder_of_kept_results(run, tmp_path, monk
     for shard in (("--shard", "1/2"), ("--shard", "2/2"), ("--shard", "2/2"), ()):
         ended = run(*words, *shard)
         assert ended.status == 0, ended.err
+        last = f"{tmp_path / 'out'}/report.html cells.parquet"
+        if shard:
+            told = "once all are done, the same command without it writes the report."
+            last = f"Shard {shard[1]}: {told} {tmp_path / 'out'}"
+        assert " ".join(ended.out.split()).endswith(last)
     assert pl.read_parquet(tmp_path / "out" / "cells.parquet")["id"].sort().to_list() == ["a", "b"]
 
 

@@ -14,7 +14,10 @@ import pytest
 from barnax.bundled import BUNDLED
 from barnax.cli.output import require_free, write_file, write_folder
 from barnax.errors import InputError
+from barnax.factors import factors_to_bytes
 from barnax.files import aside, restore, unfinished
+from barnax.model.prepared import Window, prepare_record
+from barnax.over_soc.kept import CONSTANT, Grid, fit_kept, keep
 
 from .conftest import BUDGET, contents
 
@@ -96,6 +99,27 @@ def test_factors_are_not_fitted_where_a_users_table_is_in_the_way(refuse, tmp_pa
     appear(tmp_path, {"a.factors.npz": b"", "mine/tables.csv": b"mine"})
     said = refuse("identify", "a.factors.npz", "--out", "mine", "--force")
     assert "mine: holds 'tables.csv', which barnax did not write" in said
+
+
+def test_tables_of_factors_whose_folder_was_taken_meanwhile_say_where_they_are(
+    run, tmp_path, monkeypatch, bundled_record, bundled_cell
+):
+    window = Window(score_to_s=2000.5)
+    prepared = prepare_record(bundled_record, bundled_cell, "so-rc", window)
+    kept = keep(prepared, Grid(low_s=4.0, high_s=250.0, nodes=CONSTANT))
+    (tmp_path / "a.factors.npz").write_bytes(factors_to_bytes([kept]))
+
+    def slow(*given):
+        appear(tmp_path, {"out/mine.txt": b"mine"})
+        return fit_kept(*given)
+
+    monkeypatch.setattr("barnax.over_soc.kept.fit_kept", slow)
+    ended = run("identify", "a.factors.npz", "--out", "out")
+    assert ended.status == 0, ended.err
+    where = f"the results are in {tmp_path / 'out-2'}"
+    assert f"warning: out: something else has appeared there; {where}" in ended.err.splitlines()
+    assert [*written(tmp_path / "out-2")] == ["tables.csv"]
+    assert written(tmp_path / "out") == {"mine.txt": b"mine"}
 
 
 RACE = """

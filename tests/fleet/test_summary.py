@@ -40,6 +40,23 @@ def rows():
     return pl.DataFrame(made, infer_schema_length=None)
 
 
+def test_causes_of_one_code_are_told_apart_by_their_words():
+    texts = [
+        "a.csv: there is no such file; check the name and the folder",
+        "b.csv: this is a folder; give the files in it",
+        "c.csv: there is no such file; check the name and the folder",
+    ]
+    failed = [
+        {"id": f"bad {n}", "error": text, "error code": "file.unreadable"}
+        for n, text in enumerate(texts)
+    ]
+    found = summarize(pl.DataFrame(failed))
+    assert [(each.text[:10], each.ids) for each in found.failures] == [
+        ("there is n", ("bad 0", "bad 2")),
+        ("this is a ", ("bad 1",)),
+    ]
+
+
 def test_the_summary_finds_what_was_put_in(rows):
     found = summarize(rows)
     assert (found.cells, found.identified, found.certified) == (43, 40, 39)

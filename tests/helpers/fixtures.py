@@ -24,7 +24,9 @@ from .shared import SET, SHARED
 def pytest_configure() -> None:
     threadpoolctl.threadpool_limits(1, "blas")
     # What takes long on a busy machine is no error. Every run draws other examples.
-    hypothesis.settings.register_profile("barnax", deadline=None, max_examples=15)
+    hypothesis.settings.register_profile(
+        "barnax", deadline=None, max_examples=15, derandomize=False
+    )
     hypothesis.settings.load_profile("barnax")
     # JAX has read its settings already where it was imported before.
     jax.config.update("jax_compilation_cache_dir", os.environ["JAX_COMPILATION_CACHE_DIR"])

@@ -273,6 +273,15 @@ def test_a_sailfish_takes_the_place_of_a_fitter_sardine():
     assert after.memory.losses == 1
 
 
+def test_an_old_positional_option_of_a_swarm_is_what_it_was_or_is_refused():
+    assert CoevolvingSwarm(30, 500, 4).groups == 4
+    mixed = MixedSwarm(30, 500, 0.3, 0.6)
+    assert (mixed.explorers, mixed.exploring_inertia) == (0.3, 0.6)
+    for kind, kept in ((ParticleSwarm, ()), (CoevolvingSwarm, (4,)), (MixedSwarm, (0.3, 0.6))):
+        with pytest.raises(TypeError, match="positional argument"):
+            kind(30, 500, *kept, 0.9)
+
+
 @pytest.mark.parametrize(
     ("default", "option"),
     [

@@ -23,6 +23,7 @@ from .output import (
     drawn_files,
     free_names,
     require_free,
+    tell_elsewhere,
     write_folder,
 )
 from .session import Session, as_flags, flag_of
@@ -120,6 +121,7 @@ def _fit_factors(options: Identification, paths: list[Path]) -> None:
     if folder is not None:
         tables = {TABLES: reporting.parameters.tables_csv(TableFits((fit,)))}
         place = write_folder(folder, tables, options.output.force)
+        tell_elsewhere(session, folder, place)
         session.show(["", str(place / TABLES)])
     session.warn(fit.warnings)
 

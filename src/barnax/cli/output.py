@@ -93,9 +93,7 @@ class Delivery(Session):
                     )
             files["timings.json"] = self.timings_json()
             place = write_folder(self.folder, files, self.output.force)
-            if place != self.folder:
-                where = f"the results are in {place}"
-                self.warn([f"{self.folder}: something else has appeared there; {where}"])
+            tell_elsewhere(self, self.folder, place)
             self.folder, self.written = place, {*files}
         if self.output.as_json:
             typer.echo(document, nl=False)
@@ -355,6 +353,12 @@ def add_file(path: Path, content: bytes) -> None:
         if listed := _listing(path.parent):
             with suppress(OSError):
                 write_whole(path.parent / LIST, _listed({**listed, path.name: _hash(content)}))
+
+
+def tell_elsewhere(session: Session, folder: Path, place: Path) -> None:
+    """Say where results went if something else took their folder meanwhile."""
+    if place != folder:
+        session.warn([f"{folder}: something else has appeared there; the results are in {place}"])
 
 
 def tell_unfinished(session: Session, folder: Path) -> None:

@@ -156,14 +156,15 @@ def _distribution(
 
 
 def _causes(rows: pl.DataFrame, text: str, code: str) -> tuple[Cause, ...]:
-    """Causes, the most frequent first: one a code, and where there is no own code, one for texts
-    that differ in names and numbers only."""
+    """Causes, the most frequent first: one for texts of one code that differ in names and numbers
+    only."""
     causes: dict[str, tuple[str, list[str]]] = {}
     for name, said, own in rows.select("id", text, code).iter_rows():
         # Without the file's name.
         cause = re.sub(r"^[^:]*\.\w+: ", "", said)
-        is_general = own in (None, REFUSED)
-        key = re.sub(r"\b\d+(\.\d+)?|'[^']*'", "#", cause) if is_general else own
+        shape = re.sub(r"\b\d+(\.\d+)?|'[^']*'", "#", cause)
+        # A message without a code of its own is in one family with any other.
+        key = shape if own in (None, REFUSED) else f"{own}: {shape}"
         causes.setdefault(key, (cause, []))[1].append(name)
     found = [Cause(cause, tuple(dict.fromkeys(ids))) for cause, ids in causes.values()]
     return tuple(sorted(found, key=lambda failure: -len(failure.ids)))

@@ -1,5 +1,6 @@
 """Particle swarms: PSO, and three forms that batteries were identified with."""
 
+from dataclasses import field
 from typing import Any
 
 import equinox as eqx
@@ -63,9 +64,9 @@ class AbstractFlyingSwarm(AbstractPopulationMinimiser):
     `velocity_fraction` of the box's width.
     """
 
-    inertia_start: float = 0.9
-    inertia_end: float = 0.2
-    velocity_fraction: float = 0.06
+    inertia_start: float = field(default=0.9, kw_only=True)
+    inertia_end: float = field(default=0.2, kw_only=True)
+    velocity_fraction: float = field(default=0.06, kw_only=True)
 
     def inertia(self, generation: Generation, dtype: Any) -> Scalar:
         progress = generation.astype(dtype) / self.iterations
@@ -91,10 +92,10 @@ class ParticleSwarm(AbstractFlyingSwarm):
     position: `ParticleSwarm(velocity_limit=6.0, bounded=False)`.
     """
 
-    own_pull: float = 2.0
-    swarm_pull: float = 2.0
-    velocity_limit: float | None = None
-    adaptive: bool = False
+    own_pull: float = field(default=2.0, kw_only=True)
+    swarm_pull: float = field(default=2.0, kw_only=True)
+    velocity_limit: float | None = field(default=None, kw_only=True)
+    adaptive: bool = field(default=False, kw_only=True)
 
     def draw(self, key: Key[Array, ""], generation: Generation, box: Box) -> Array:
         pulls = jnp.array([self.own_pull, self.swarm_pull], box.lower.dtype)[:, None, None]
@@ -147,8 +148,8 @@ class MixedSwarm(AbstractFlyingSwarm):
 
     explorers: float = 0.5
     exploring_inertia: float = 0.7
-    pull: float = 2.0
-    exploring_pull: float = 1.5
+    pull: float = field(default=2.0, kw_only=True)
+    exploring_pull: float = field(default=1.5, kw_only=True)
 
     def draw(self, key: Key[Array, ""], generation: Generation, box: Box) -> tuple[Array, Array]:
         """The weights of both pulls, and whom each explorer follows."""
@@ -194,7 +195,7 @@ class CoevolvingSwarm(AbstractFlyingSwarm):
     """
 
     groups: int = 3
-    pull: float = 2.0
+    pull: float = field(default=2.0, kw_only=True)
 
     def prepare(self, swarm: Swarm, box: Box) -> Swarm:
         return Swarm(swarm.positions, swarm.losses, Species(Flight.start(swarm), best_of(swarm)))

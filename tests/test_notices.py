@@ -68,6 +68,22 @@ def test_a_notice_without_what_its_words_need_is_refused():
         )
 
 
+@pytest.mark.parametrize(
+    ("code", "values", "said"),
+    [
+        (
+            "columns.not-there",
+            {"unit": "none", "column": "I", "symbols": "A, mA", "needed": "true"},
+            "unknown unit 'none' of 'I'",
+        ),
+        ("columns.repeated", {"name": "none", "columns": 2}, "2 columns are called 'none'"),
+        ("file.not-found", {"folders": "none"}, "not found in none"),
+    ],
+)
+def test_a_users_word_none_is_a_value_as_others_are(code, values, said):
+    assert said in Notice(code, values).what
+
+
 # What looks for something in a text.
 LOOKING = {"startswith", "endswith", "find", "index", "count", "match", "search", "fullmatch"}
 TEMPLATES = "\n".join(

@@ -55,8 +55,11 @@ class _Words(Formatter):
         if choices is None:
             return kwargs[field_name], field_name
         name = field_name.partition(".")[0]
-        value = str(kwargs.get(name, "none"))
-        words = choices[value] if value in choices else choices["any"]
+        value = kwargs.get(name)
+        choice = "none" if value is None else str(value)
+        # A user's word may be "none" too.
+        is_any = choice not in choices or value == "none"
+        words = choices["any" if is_any else choice]
         # Within the words of a value, its name is the value itself.
         others = {key: own for key, own in self.words.items() if key not in (name, field_name)}
         return _Words(others).vformat(words, args, kwargs), field_name

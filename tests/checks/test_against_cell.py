@@ -41,8 +41,10 @@ def test_a_wrong_unit_is_named_by_the_voltage_that_its_charge_should_move(
 ):
     for record in (bundled_record, validation_record):
         wrong = replace(record, **{quantity: factor * getattr(record, quantity)})
-        (text,) = said(wrong, bundled_cell)
-        assert meaning in text
+        (told,) = compare_with_cell(wrong, bundled_cell)
+        assert meaning in told.what
+        # A mistake of unit is none of capacity.
+        assert ("capacity_ah" in told.values) == ("held" in meaning)
 
 
 @pytest.mark.parametrize("factor", [1.3, 0.75])

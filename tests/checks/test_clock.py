@@ -6,7 +6,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from barnax.records import read_record, record_from_frame
+from barnax.checks import check_file
+from barnax.records import read_record, record_from_frame, source_from_frame
 from helpers.records import CURRENT, TIME, changed, checked, counting, found, frame
 
 from .test_findings import stamps_of_three
@@ -53,6 +54,15 @@ def test_shuffled_rows_are_sorted_and_the_rest_is_as_it_was(tmp_path, inputs, se
     outcome = checked(tmp_path, table)
     assert counting(outcome) == {"clock": "error"}
     assert outcome.facts == checked(tmp_path, inputs).facts
+
+
+@pytest.mark.parametrize("gap_s", [60.0, 900.0])
+def test_files_in_the_wrong_order_are_sorted_though_the_log_paused_between_them(gap_s):
+    whole = frame()[:4000].with_columns(pl.Series(TIME, np.arange(4000.0)))
+    pieces = [whole[:2000], whole[2000:].with_columns(pl.col(TIME) + gap_s)]
+    outcome = check_file(source_from_frame(pl.concat(pieces[::-1]), "joined"))
+    assert found(outcome, "clock").values["cause"] == "shuffled"
+    assert outcome.facts.time_s == (0.0, 3999.0 + gap_s)
 
 
 @given(lines=st.sets(st.integers(1, 49).map(lambda number: 40 * number), max_size=20))

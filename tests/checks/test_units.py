@@ -144,6 +144,19 @@ def test_a_slow_sweep_whose_steps_are_hidden_is_not_in_minutes(interval_s, late,
     assert "time unit" not in counting(outcome)
 
 
+def test_a_time_converted_twice_is_told_by_a_load_whose_current_is_of_means():
+    """An hour of 0, C/2, 1C or 2C each second, the current the mean of two rows: many of its steps
+    show little of the resistance."""
+    rng = np.random.default_rng(1)
+    current_a = -CAPACITY_AH * rng.choice([0, 0.5, 1, 2], 3600, p=[0.6, 0.1, 0.1, 0.2])
+    soc = 1 + np.append(0, np.cumsum(current_a[:-1])) / 3600 / 2.4
+    voltage_v = 3.2 + soc + 0.03 * current_a + 5e-4 * rng.standard_normal(3600)
+    mean_a = np.append(current_a[0], (current_a[1:] + current_a[:-1]) / 2)
+    table = logged(60 * np.arange(3600.0), mean_a, np.round(voltage_v, 3))
+    outcome = check_file(source_from_frame(table.rename({TIME: "Time [s]"}), "drive"))
+    assert "minutes, converted to seconds twice" in found(outcome, "time unit").what
+
+
 def test_a_current_named_in_milliamperes_is_not_taken_for_them_again(tmp_path):
     """Whatever the capacity, which may be another cell's."""
     table = scaled(frame(), CURRENT, 1e3).rename({CURRENT: "Current [mA]"})

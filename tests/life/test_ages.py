@@ -99,6 +99,17 @@ def test_a_unit_that_is_not_known_is_not_taken_for_days(name):
         ages_of(pl.Series([0.0, 6.0, 12.0]), name)
 
 
+@pytest.mark.parametrize("name", ["age_quarters", "mileage_km", "Age / decades"])
+def test_a_word_after_age_that_is_no_known_unit_is_not_taken_for_days(name):
+    with pytest.raises(InputError, match=f"{name.split()[-1].split('_')[-1]} is no unit of an age"):
+        ages_of(pl.Series([0.0, 6.0, 12.0]), name)
+
+
+@pytest.mark.parametrize("name", ["age", "cell_age", "date", "day", "storage date", "age_d"])
+def test_a_name_without_such_a_word_is_of_days(name):
+    assert ages_of(pl.Series([0.0, 6.0, 12.0]), name)[1] == "day"
+
+
 def test_rows_without_a_finite_age_are_counted_and_those_of_one_age_named():
     ages = pl.Series("age [h]", [float("nan"), float("inf"), 24.0, 24.0, None])
     frame = dataset(cells=3).with_columns(

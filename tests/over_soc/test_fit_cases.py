@@ -12,7 +12,10 @@ from barnax.checks import check_file
 from barnax.checks.roles import require_load
 from barnax.errors import InputError
 from barnax.model.window import Window
+from barnax.over_soc.fit import _bound_warning
 from barnax.over_soc.intervals import _held_level
+from barnax.over_soc.settings import TableSettings
+from barnax.search.refine import AtBound
 from helpers.known_cell import SMALL
 from helpers.shared import CASES, SHARED, needs_cases, needs_data
 
@@ -31,6 +34,19 @@ def interval(result, name):
     assert own.low is not None, name
     assert own.high is not None, name
     return own.low, own.high
+
+
+@pytest.mark.parametrize(
+    ("bound", "values", "said"),
+    [
+        (AtBound("tau2 [s]", "upper"), {"value_s": 500.0, "side": "upper"}, "bound of 500 s"),
+        (AtBound("gamma [1]", "lower"), {"value": 500.0}, "bound of 500: the data do not set it"),
+    ],
+)
+def test_the_bound_of_a_time_constant_is_in_seconds(bound, values, said):
+    notice = _bound_warning(bound, 500.0, TableSettings(ocv_correction=False))
+    assert notice.values == {"name": bound.name, **values}
+    assert said in notice.what
 
 
 @needs_cases

@@ -134,6 +134,13 @@ def test_a_check_of_a_late_voltage_finds_nothing_else(rows):
     assert check_file(source, voltage_lag=float(rows)).is_clean
 
 
+@pytest.mark.parametrize("lag", [0.6, -0.6])
+def test_only_of_an_older_voltage_a_share_of_r0_is_missing(lag):
+    outcome = check_file(source_from_frame(log(0.1, lag), "late"))
+    (apart,) = [each for each in outcome.findings if each.code == "late-voltage.apart"]
+    assert apart.values.get("missing_share") == (pytest.approx(lag, abs=0.03) if lag > 0 else None)
+
+
 @pytest.mark.slow
 def test_identify_finds_r0_of_a_lagging_voltage_with_a_proof_and_reopens(tmp_path):
     path = tmp_path / "drive.csv"

@@ -196,6 +196,7 @@ def test_what_is_no_file_is_refused(tmp_path):
             "time=Zeit:fortnight",
             "unknown unit 'fortnight'.*s, ms, us, ns, min",
         ),
+        ("Zeit,Klemme\n0,3.7\n", "time=Zeit:none", "unknown unit 'none' of 'Zeit'"),
         ("Dear Sir, hello\n\nI write, because, of, things\nYours, me\n", "", "no table of meas"),
     ],
 )

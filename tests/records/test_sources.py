@@ -11,7 +11,7 @@ import pytest
 
 from barnax.checks import check_file
 from barnax.errors import InputError
-from barnax.records import read_record, record_from_frame
+from barnax.records import read_record, record_from_frame, source_from_frame
 from barnax.records.readers import READERS
 from helpers.records import CURRENT, TIME, VOLTAGE, good_files, pulse_frame
 from helpers.reference import make_record
@@ -45,6 +45,12 @@ def test_a_data_frame_gives_the_record_of_its_file(record, made):
         if isinstance(values, np.ndarray):
             np.testing.assert_array_equal(getattr(framed, name), values)
     assert (framed.sign, framed.hold, framed.warnings) == (record.sign, record.hold, ())
+
+
+@pytest.mark.parametrize("reading", [{"series": 2}, {"columns": {"time": "Zeit:s"}}])
+def test_what_is_read_already_takes_no_columns_and_no_cells_in_series(reading):
+    with pytest.raises(InputError, match="has been read already; give `columns` and `series`"):
+        read_record(source_from_frame(FRAME, "cell"), **reading)
 
 
 @pytest.mark.parametrize("made", LIBRARIES.values(), ids=LIBRARIES)

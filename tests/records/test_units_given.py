@@ -77,6 +77,16 @@ def test_a_number_of_cells_that_makes_no_known_cell_is_told(cells, series):
     assert "series.unlikely" not in [one.code for one in whole.warnings]
 
 
+@pytest.mark.parametrize("full_v", [4.3, 4.56])
+def test_half_of_a_high_voltage_is_one_cell_or_two_of_lto(full_v):
+    """Up to the highest voltage of one cell."""
+    voltage_v = full_v - 0.02 + 0.01 * pl.col(CURRENT)
+    record = record_from_frame(FRAME.with_columns(voltage_v.alias(VOLTAGE)), series=2)
+    (warning,) = [one for one in record.warnings if one.code == "series.unlikely"]
+    assert "it is of one cell, unless these are cells of LTO" in str(warning)
+    assert not warning.values.keys() & {"fewest", "most"}
+
+
 def test_two_cells_of_lto_in_series_are_such_cells():
     pack = FRAME.with_columns((4.7 + 0.02 * pl.col(CURRENT)).alias(VOLTAGE))
     record = record_from_frame(pack, series=2)

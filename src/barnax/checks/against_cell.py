@@ -108,9 +108,10 @@ def compare_with_cell(
     allowed_v = max(_APART_V, _LEFT * min(own_v, _FAR_V))
     if best_v < min(_VANISHES * own_v, allowed_v):
         told |= {"mistake": _UNITS.get(factor, "capacity"), "best_v": best_v, "factor": factor}
-        told |= {"capacity_ah": capacity_ah / factor, "given_ah": capacity_ah}
-        ranges = (word for ratio, word in _RANGES.items() if abs(factor / ratio - 1) < _NEAR)
-        told["current"] = next(ranges, None) if record.charge_ah is None else None
+        if factor not in _UNITS:
+            told |= {"capacity_ah": capacity_ah / factor, "given_ah": capacity_ah}
+            ranges = (word for ratio, word in _RANGES.items() if abs(factor / ratio - 1) < _NEAR)
+            told["current"] = next(ranges, None) if record.charge_ah is None else None
         return [Notice("cell.charge", told)]
     if own_v > _ELSEWHERE_V:
         is_assumed = any(told.code == "ocv-test.capacity-assumed" for told in cell.warnings)

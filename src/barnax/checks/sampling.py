@@ -149,7 +149,9 @@ def find_late_voltage(given: CheckInput) -> Iterator[Notice]:
         is_either = abs(lag.samples) < 1 and given.usual_s >= _ALIKE_S
         told |= {"cause": "either" if is_either else None}
         told |= {"age": "older" if lag.samples > 0 else "newer"}
-        yield Notice("late-voltage.apart", {**told, "missing_share": min(lag.samples, 1.0)})
+        if lag.samples > 0:
+            told["missing_share"] = min(lag.samples, 1.0)
+        yield Notice("late-voltage.apart", told)
         return
     answers = answers_ohm(given.record)
     if answers is None:

@@ -125,7 +125,8 @@ def ages_of(column: pl.Series, name: str) -> tuple[Ages, str]:
             f"`age` {name}: row {row} is {number[row - 1]:.12g}, which is neither an age in days "
             "nor a date beside the others; write dates as 2024-01-15, and none as nothing"
         )
-    unknown = re.search(r"[\[(]\s*([a-z]+)\s*[\])]$", lower)
+    # Days that a spreadsheet counts are those of a date.
+    unknown = re.search(r"(?:[\[(]\s*|age[\W_]+(?!date))([a-z]+)\s*[\])]?$", lower)
     if unknown and not lower.startswith("date"):
         raise InputError(
             f"`age` {name}: {unknown[1]} is no unit of an age; there are s, min, h, d, weeks, "

@@ -308,4 +308,5 @@ def _bound_warning(bound: AtBound, value: float, settings: TableSettings) -> Not
     is_own = settings.ocv_nodes is not None
     correction = "true" if settings.ocv_correction and not is_own else None
     told = {"side": side, "correction": correction, "check": "own" if is_own else None}
-    return Notice("tables.at-bound", {"name": bound.name, "value": value, **told})
+    name = "value_s" if side else "value"
+    return Notice("tables.at-bound", {"name": bound.name, name: value, **told})

@@ -11,8 +11,6 @@ from .cell_values import DAY_S, is_clock, is_local_date, uneven
 from .record import runs
 from .samples import Samples
 
-# Pieces in their places lie no further apart than so many of the longest intervals within them.
-_LATEST = 10
 # More stamps out of line than three, or one in a hundred, are no slips; nor are so many that
 # follow another of the same stamp.
 _SLIPS, _FEW = 3, 0.01
@@ -286,8 +284,9 @@ def _is_shuffled(time: Clock, falls: int) -> bool:
     """True if sorting puts whole pieces into their places, rather than mixing two clocks."""
     order = np.argsort(time, kind="stable")
     sorted_s = np.diff(time[order])
-    # Between the pieces of a clock that began anew much time would pass.
-    if np.any(sorted_s == 0) or sorted_s.max() > _LATEST * np.diff(time).max():
+    # Between the pieces of a clock that began anew more time would pass than within all of them.
+    passed_s = np.maximum(np.diff(time), 0).sum()
+    if np.any(sorted_s == 0) or sorted_s.max() > passed_s:
         return False
     piece = np.cumsum(np.concatenate([[0], np.diff(time) < 0]))[order]
     return int(np.sum(np.diff(piece) != 0)) <= 3 * falls + 2

@@ -110,7 +110,8 @@ def read_record(
     """The record in a cycler file, with discharge current positive.
 
     Args:
-        source: The file; what was read of one has its columns and cells in series already.
+        source: The file, or what `read_source` read of one, which has its columns and cells in
+            series already.
         current_sign: The sign of the file's current; "auto" decides from the data.
         current_hold: A sample's current flows until the next sample ("forward"), since the previous
             one ("backward"), or from half an interval before it to half an interval after it
@@ -123,8 +124,8 @@ def read_record(
             A unit that is given here is not doubted.
         series: How many cells are in series; the voltage is divided by it.
 
-    Raises `InputError` if the file cannot be read or is not a record of one cell, and if the given
-    sign contradicts strong evidence.
+    Raises `InputError` if the file cannot be read or is not a record of one cell, if the given sign
+    contradicts strong evidence, and if `columns` or `series` is given for what was read already.
 
     >>> import pathlib, tempfile
     >>> rows = "".join(f"{k},{-(k % 2)},{3.7 - 0.05 * (k % 2)}\\n" for k in range(20))
@@ -141,6 +142,10 @@ def read_record(
             raise InputError(f"`{option}` is {value!r}; it must be one of {', '.join(allowed)}.")
     if not isinstance(source, Source):
         source = read_source(source, columns=columns, series=series)
+    elif columns or series != 1:
+        raise InputError(
+            f"{source.name}: has been read already; give `columns` and `series` where it is read."
+        )
     examined = examine(source)
     raise_first_error(examined.findings, source.name)
     samples = examined.samples

@@ -260,11 +260,11 @@ def examine_series(samples: Samples, series: int) -> Samples:
     is_lto = middle_v >= _LEAST_V and high_v <= _LTO_V and series * high_v > _HIGHEST_V
     if is_lto or (middle_v >= _LFP_V and high_v <= _HIGHEST_V):
         return samples
-    fewest = int(np.ceil(series * high_v / _CHARGED_V))
-    most = max(fewest, int(series * middle_v / _NOMINAL_V))
-    told = {"series": series, "fewest": fewest, "most": most, "full_v": _CHARGED_V}
-    told |= {"fits": "one" if most == 1 else "several"}
-    told |= {"low_v": low_v, "high_v": high_v, "column": samples.header("voltage")}
+    told = {"fits": "one", "low_v": low_v, "high_v": high_v, **values}
+    if series * high_v > _HIGHEST_V:
+        fewest = int(np.ceil(series * high_v / _CHARGED_V))
+        most = max(fewest, int(series * middle_v / _NOMINAL_V))
+        told |= {"fits": "several", "fewest": fewest, "most": most, "full_v": _CHARGED_V}
     return samples.telling(0, "series.unlikely", **told)
 
 

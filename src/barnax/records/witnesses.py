@@ -70,6 +70,8 @@ _LONGEST_S, _FAR_S = 1e8, 500.0
 _STEEP_S, _SHORT_S, _BULK_S, _SLOW_S = 0.5, 40.0, 1e4, 50.0
 # The voltage must have moved for that to mean anything, and through more than the steep end.
 _TRAVEL_V, _STEEP_BELOW_V = 0.3, 3.0
+# A load has so many steps; a sweep has fewer.
+_MANY_STEPS = 10
 # Between these intervals, numbers that no tester is set to are as good.
 _FINE_S, _COARSE_S = 0.2, 90.0
 # No tester is set so fast as to anything else, and no load steps so often.
@@ -121,11 +123,12 @@ def _of_time(samples: Samples) -> Iterator[Witness]:
         dates = f"its values are {unit.symbol}"
         yield Witness(1.0, once, lambda days: abs(days / unit.factor - 1) < _RATIO, dates)
     bulk_s, travel_v = samples.bulk_time
-    # What relaxes within an interval, or comes late, is a large resistance at some steps of a slow
-    # record.
+    # What relaxes within an interval, or comes late, is a large resistance at some of a sweep's few
+    # steps; means and smoothed currents have small ones at some of a load's many steps.
     least_s = bulk_s * samples.least_ohm / (abs(samples.answered_ohm) or 1.0)
-    is_at_all_steps = samples.resistance_ohm > 0 and least_s > _BULK_S
-    if bulk_s and (is_at_all_steps or bulk_s <= _BULK_S):
+    is_load = len(samples.steps) >= _MANY_STEPS
+    is_shown = samples.resistance_ohm > 0 and (is_load or least_s > _BULK_S)
+    if bulk_s and (is_shown or bulk_s <= _BULK_S):
         yield _of_bulk(samples, bulk_s, travel_v)
 
 

@@ -13,6 +13,7 @@ from barnax.cell import SegmentedHysteresis
 from barnax.cell.circuits import Circuit
 from barnax.errors import InputError
 from barnax.export.tables import TOLERANCE_V, linear_table, segment_table, tables_of
+from barnax.over_soc.node_interval import NodeInterval
 from barnax.search.refine import AtBound
 from helpers.results import (
     CORRECTION_V,
@@ -131,3 +132,14 @@ def test_a_linear_look_up_follows_what_lies_between_temperatures(over_temperatur
     assert rows[tables.degc.index(25.0)] == pytest.approx(TABLE_OHM[0][4])
     for degc in (7.3, 33.0):
         assert np.interp(degc, tables.degc, rows) == pytest.approx(r0_ohm(degc, 0.5), rel=5e-3)
+
+
+def test_where_the_samples_do_not_determine_a_fitted_ocv_is_a_caveat():
+    result = make_table_result()
+    (fit,) = result.tables.fits
+    open_nodes = [NodeInterval("OCV [V]", soc, 3.2, 0.0, 0.0, None, None) for soc in (0.0, 0.05)]
+    fits = (replace(fit, intervals=(*fit.intervals, *open_nodes)),)
+    undetermined = result.model_copy(update={"tables": replace(result.tables, fits=fits)})
+    told = " ".join(tables_of(undetermined).caveats)
+    assert "OCV at SOC 0, 0.05." in told
+    assert "OCV at SOC" not in " ".join(tables_of(result).caveats)

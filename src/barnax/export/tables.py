@@ -273,12 +273,13 @@ def _from_empty_to_full(tables: CircuitParameters) -> CircuitParameters:
 
 
 def _not_determined(result: Result) -> dict[str, set[float]]:
-    """The resistances that the samples near a node do not tell, with the SOC of the node."""
+    """The resistances, and a fitted OCV, that the samples near a node do not tell, with the SOC of
+    the node."""
     nodes: dict[str, set[float]] = {}
     for interval in (interval for fit in result.fits for interval in fit.intervals):
         name, _, unit = interval.name.partition(" ")
         is_open = interval.low is None and interval.high is None
-        if interval.soc is not None and is_open and unit == "[Ohm]":
+        if interval.soc is not None and is_open and (unit == "[Ohm]" or interval.name == OCV):
             nodes.setdefault(name, set()).add(interval.soc)
     return nodes
 

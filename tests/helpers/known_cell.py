@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from barnax.cell import CellModel, OcvPoint, OcvTable, characterize
 from helpers.problems import drive_a
 from helpers.reference import drop_v, filtered_response, make_record
 
@@ -23,6 +24,20 @@ SMALL = {
 
 def ocv_v(soc):
     return 3.3 + 0.7 * soc + 0.15 * np.tanh((soc - 0.05) / 0.06) + 0.08 * soc**6
+
+
+def cell_with_branches(half_gap_v: float, capacity_ah: float = 2.0) -> CellModel:
+    """The cell as an OCV test shows it whose branches are so far from their mean, in V."""
+    soc = np.linspace(0.0, 1.0, 101)
+    branches = {
+        side: tuple(
+            OcvPoint(*pair, "test", 1, 0.0)
+            for pair in zip(soc.tolist(), (ocv_v(soc) + side * half_gap_v).tolist(), strict=True)
+        )
+        for side in (-1, 1)
+    }
+    table = OcvTable("test", branches, "")
+    return characterize([table], capacity_ah=capacity_ah, ocv_fit="interpolated")
 
 
 def made(

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from barnax.cell import OcvPoint, OcvTable, characterize
 from barnax.execution import in_float64
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
@@ -31,7 +30,7 @@ from helpers.dense import (
     reaches_of,
     slopes_of,
 )
-from helpers.known_cell import ocv_v
+from helpers.known_cell import cell_with_branches, ocv_v
 from helpers.problems import drive_a
 from helpers.reference import banded_response, drop_v, make_record
 
@@ -136,16 +135,7 @@ def r0_interval(prepared):
 def test_r0_is_in_its_interval_where_the_ocv_test_has_less_hysteresis_than_the_cell():
     """The test has branches 14 mV apart, the cell 16 mV: what switches beyond the test's looks like
     R0, by the regression of the direction on the current."""
-    soc = np.linspace(0.0, 1.0, 101)
-    branches = {
-        side: tuple(
-            OcvPoint(*pair, "test", 1, 0.0)
-            for pair in zip(soc.tolist(), (ocv_v(soc) + side * 0.007).tolist(), strict=True)
-        )
-        for side in (-1, 1)
-    }
-    table = OcvTable("test", branches, "")
-    cell = characterize([table], capacity_ah=CAPACITY_AH, ocv_fit="interpolated")
+    cell = cell_with_branches(0.007, CAPACITY_AH)
     window = Window(initial_soc=0.9, initial_direction=-1)
     hits, moved, widths = [], [], []
     for seed in range(12):

@@ -10,7 +10,6 @@ from scipy.signal import lfilter
 from scipy.stats import t as student
 
 import barnax
-from barnax.cell import OcvPoint, OcvTable, characterize
 from barnax.execution import in_float64
 from barnax.global_optimum.search import find_global_optimum
 from barnax.model.problem import make_problem
@@ -18,7 +17,7 @@ from barnax.model.window import Window
 from barnax.search.evaluate import hysteresis_state, nuisance_columns
 from barnax.uncertainty import assess
 from barnax.uncertainty.covariance import Covariance
-from helpers.known_cell import ocv_v
+from helpers.known_cell import cell_with_branches, ocv_v
 from helpers.noisy_fits import SAMPLES, TRUTH, fit, made_problem, white_noise
 from helpers.problems import drive_a
 from helpers.records import CURRENT, TIME, VOLTAGE, simulated_cell
@@ -198,15 +197,7 @@ def turned(current_a, interval_s, gamma, capacity_ah):
 def test_resistances_are_in_their_intervals_where_the_test_has_more_hysteresis_than_the_cell():
     """The test has branches 14 mV apart, the cell 8 mV: what moves less than the test says looks
     like a slow pair, which is off by several of its errors."""
-    nodes = np.linspace(0.0, 1.0, 101)
-    branches = {
-        side: tuple(
-            OcvPoint(*pair, "test", 1, 0.0)
-            for pair in zip(nodes.tolist(), (ocv_v(nodes) + side * 0.007).tolist(), strict=True)
-        )
-        for side in (-1, 1)
-    }
-    cell = characterize([OcvTable("test", branches, "")], capacity_ah=2.0, ocv_fit="interpolated")
+    cell = cell_with_branches(0.007)
     window = Window(initial_soc=0.9, initial_direction=-1)
     time_s, hits, widths = 2.0 * np.arange(900), [], []
     for seed in range(8):

@@ -4,7 +4,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from signal import SIGINT, raise_signal
+from signal import SIGINT, default_int_handler, raise_signal, signal
 
 import pytest
 
@@ -70,6 +70,15 @@ def test_an_interruption_is_one_line_and_writes_nothing(tmp_path, moment, number
     assert (done.returncode, done.stderr, contents(tmp_path)) == (130, EARLIER, {})
 
 
+@pytest.fixture
+def interruptible():
+    """Ctrl-C raises, also where a shell began the tests in the background and has them ignore it."""
+    before = signal(SIGINT, default_int_handler)
+    yield
+    signal(SIGINT, before)
+
+
+@pytest.mark.usefixtures("interruptible")
 def test_what_is_written_is_finished_first(tmp_path, monkeypatch):
     real = os.replace
     monkeypatch.setattr(os, "replace", lambda *each: (raise_signal(SIGINT), real(*each)))

@@ -72,7 +72,7 @@ def test_an_interruption_is_one_line_and_writes_nothing(tmp_path, moment, number
 
 @pytest.fixture
 def interruptible():
-    """Ctrl-C raises, also where a shell began the tests in the background and has them ignore it."""
+    """Ctrl-C raises, though a shell that begins tests in the background has them ignore it."""
     before = signal(SIGINT, default_int_handler)
     yield
     signal(SIGINT, before)

@@ -112,8 +112,8 @@ FAULTS = (
           "np.sqrt(np.var(_share(of_parts.T)))", "tests/records/test_lag.py"),
     # Packs.
     fault("error in common of a pack", "over_soc/pack.py",
-          "reach = math.hypot(spread.reach(side, direction), common)",
-          "reach = spread.reach(side, direction)", DENSE),
+          "reach = math.hypot(reach_of(side, direction), common)",
+          "reach = reach_of(side, direction)", DENSE),
     fault("time constants of a pack's cell", "over_soc/pack.py",
           "by_scales = fit.slopes[:, :1] - fit.slopes",
           "by_scales = fit.slopes - fit.slopes[:, :1]", DENSE),

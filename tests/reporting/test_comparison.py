@@ -3,8 +3,7 @@
 Every case is made so that one thing about it is worth a sentence or a cell; its name says which.
 """
 
-from types import SimpleNamespace
-from typing import Any, cast
+from dataclasses import replace
 
 import pytest
 
@@ -228,11 +227,9 @@ def test_a_comparison_without_a_single_answer_is_a_report_all_the_same():
 
 
 def test_a_comparison_with_its_records_gives_figures_over_time_too(comparison, identified):
-    rows = [SimpleNamespace(name=name, evaluations=(identified, identified)) for name in "ab"]
-    names = [
-        each.name
-        for each in comparison_illustrations(comparison, cast(Any, SimpleNamespace(answered=rows)))
-    ]
+    rows = [replace(row, evaluations=(identified, identified)) for row in comparison.answered]
+    ran = comparison.model_copy(update={"rows": tuple(rows)})
+    names = [each.name for each in comparison_illustrations(ran)]
     for role in ("identification", "validation-1"):
         assert {f"{role}-{kind}" for kind in ("voltages", "errors")} <= set(names)
     assert len(set(names)) == len(names)

@@ -75,10 +75,10 @@ def compare(options: Comparing) -> None:
     with run.watch("Comparing", total) as advance:
         # Every stage is timed; its seeds advance the one bar that there is.
         job = job.changed(watch=lambda name, total=0: run.timed(name, advance))
-        comparison, result = barnax.compare_files(job)
+        _, result = barnax.compare_files(job)
     seconds = {row.name: run.seconds[row.name] for row in result.rows}
     figures = reporting.illustrations.comparison_illustrations
-    draw = partial(figures, result, comparison, live=options.live)
+    draw = partial(figures, result, live=options.live)
     document_of = partial(reporting.comparison.comparison_document, result, seconds=seconds)
     files = partial(drawn_files, draw, document_of, True, options.paper)
     run.deliver("comparison.json", result.to_json(), files)

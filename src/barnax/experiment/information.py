@@ -126,12 +126,17 @@ class Believed:
     untold: str = ""
     at_bound: tuple[AtBound, ...] = ()
 
+    @property
+    def finds_ocv(self) -> bool:
+        """True where the test's fit has an OCV of its own."""
+        return self.settings.ocv_nodes is not None
+
     @cached_property
     def names(self) -> tuple[Name, ...]:
         """Every unknown: R0, the pairs' R, the OCV, and the time constants."""
         settings = self.settings
         nodes = dict.fromkeys(self.tables.resistances, settings.nodes)
-        nodes[OCV_CORRECTION if settings.ocv_nodes is None else OCV] = settings.nodes_of_ocv
+        nodes[OCV if self.finds_ocv else OCV_CORRECTION] = settings.nodes_of_ocv
         nodes |= dict.fromkeys(self.tables.named_tau_s, (None,))
         return tuple((name, node) for name, own in nodes.items() for node in own)
 
@@ -151,16 +156,10 @@ class Believed:
     @cached_property
     def values(self) -> Float[np.ndarray, "unknowns"]:
         """The believed value of each; zero for a correction of the OCV."""
-
-        def value(name: str, soc: float | None) -> float:
-            if soc is None:
-                return self.tables.constants[name]
-            if name == OCV_CORRECTION:
-                return 0.0
-            at = np.array([soc])
-            return float((self.ocv_v(at) if name == OCV else self.tables.at(name, at))[0])
-
-        return np.array([value(*name) for name in self.names])
+        nodes, ocv_nodes = np.array(self.settings.nodes), np.array(self.settings.nodes_of_ocv)
+        values = [self.tables.at(name, nodes) for name in self.tables.resistances]
+        values.append(self.ocv_v(ocv_nodes) if self.finds_ocv else np.zeros(len(ocv_nodes)))
+        return np.concatenate([*values, self.tables.tau_s])
 
     @cached_property
     def units(self) -> Float[np.ndarray, "unknowns"]:
@@ -307,10 +306,9 @@ def columns_along(
 
 def information_of(believed: Believed, columns: Columns, interval_s: float = 1.0) -> Information:
     """The information of samples with these columns."""
-    used = np.flatnonzero(np.any(columns, axis=0))
-    rows = np.ascontiguousarray(columns.T[used])
+    rows = np.ascontiguousarray(columns.T)
     products = rows @ rows.T
-    count = int(np.sum(used < len(believed.names)))
+    count = len(believed.names)
     own, squares = rows[:count], products[:count, :count]
     noise = np.zeros_like(squares)
     for time_s, sd_v in believed.error.noise:
@@ -325,11 +323,7 @@ def information_of(believed: Believed, columns: Columns, interval_s: float = 1.0
         earlier = slots @ lagged(slots, time_s, slot_s).T / math.expm1(slot_s / time_s)
         alone = squares if together == 1 else slots @ slots.T
         noise += sd_v**2 * (alone + earlier + earlier.T)
-    wide = np.zeros((columns.shape[1],) * 2)
-    wide[np.ix_(used, used)] = products
-    of_noise = np.zeros((len(believed.names),) * 2)
-    of_noise[np.ix_(used[:count], used[:count])] = noise
-    return Information(len(columns), wide, of_noise)
+    return Information(len(columns), products, noise)
 
 
 @dataclass(frozen=True)

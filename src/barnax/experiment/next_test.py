@@ -28,6 +28,7 @@ from .protocol import (
     LOW_SOC,
     Block,
     Limits,
+    Rate,
     Step,
     candidate_blocks,
     drive_levels,
@@ -75,8 +76,8 @@ def design(
     want: Mapping[str, float] | Literal["hppc"] | None = None,
     low_voltage: float | None = None,
     high_voltage: float | None = None,
-    max_discharge: float | Sequence[tuple[float, float]] | None = None,
-    max_charge: float | Sequence[tuple[float, float]] | None = None,
+    max_discharge: Rate | None = None,
+    max_charge: Rate | None = None,
     max_warming: float | None = None,
     temperature: float | None = None,
     blocks: Sequence[Block] | None = None,
@@ -213,7 +214,7 @@ def design(
         wanted_soc=wanted_soc,
         hours_searched=longer,
         hours_needed=needed,
-        finds_ocv=believed.settings.ocv_nodes is not None,
+        finds_ocv=believed.finds_ocv,
         earlier=tuple(record.name for record in believed.earlier),
         untold=believed.untold,
         error=believed.error,
@@ -232,7 +233,7 @@ def _span(believed: Believed) -> Span:
     Raises `InputError` where that leaves too little.
     """
     low_soc, high_soc = believed.planned_soc
-    usual_soc = LOW_SOC if believed.settings.ocv_nodes is None else UNKNOWN_LOW_SOC
+    usual_soc = UNKNOWN_LOW_SOC if believed.finds_ocv else LOW_SOC
     end_soc = max(usual_soc, low_soc + OVERSHOT + believed.start_reach_soc)
     if high_soc - end_soc < LEAST_SPAN_SOC:
         whole = "with `chemistry` nmc or lfp it goes from full to empty, with a typical OCV beyond"
@@ -272,7 +273,7 @@ def _check_start(believed: Believed, high_soc: float, high_v: float) -> None:
 def _names(believed: Believed) -> list[str]:
     """The names that can be wished."""
     names = dict.fromkeys(map(short, believed.tables_of_names))
-    if believed.settings.ocv_nodes is None:
+    if not believed.finds_ocv:
         names.pop("OCV")
     return [*names, DRIVE]
 
@@ -310,7 +311,7 @@ def wishes_of(
 def _emptying(believed: Believed, limits: Limits, low_soc: float) -> tuple[Step, ...]:
     """The steps that show the lower end of an unknown OCV, where the test comes near that."""
     is_near = low_soc <= UNKNOWN_LOW_SOC and believed.start_v is None
-    if believed.settings.ocv_nodes is None or not is_near:
+    if not (believed.finds_ocv and is_near):
         return ()
     capacity_ah, rest = believed.cell.capacity_ah, Step("last rest", LAST_REST_S, 0.0)
     rates_a, _ = limits.rates_a(capacity_ah, np.linspace(0.0, low_soc, 11))

@@ -36,6 +36,8 @@ SHORTEST_S = 2.0
 LEVEL = 0.05
 # Of a piece of a drive cycle.
 DRIVE_S = 120
+# A rate in 1/h of the capacity, or pairs of SOC and rate, linear between them.
+Rate = float | Sequence[tuple[float, float]]
 
 
 @dataclass(frozen=True)
@@ -73,8 +75,8 @@ class Limits:
 
     low_v: float
     high_v: float
-    discharge_c: float | Sequence[tuple[float, float]] = 1.0
-    charge_c: float | Sequence[tuple[float, float]] = 0.5
+    discharge_c: Rate = 1.0
+    charge_c: Rate = 0.5
     warming_k: float | None = None
     margin_v: float = 0.02
     beyond_soc: float = 0.0
@@ -90,7 +92,7 @@ class Limits:
             raise InputError(f"`max_warming` {self.warming_k:g} K must be above 0")
         named = {"max_discharge": self.discharge_c, "max_charge": self.charge_c}
         for name, rate in named.items():
-            pairs = [(0.0, rate)] if isinstance(rate, int | float) else [*rate]
+            pairs = _pairs(rate)
             if not pairs or not all(0 <= soc <= 1 and 0 <= c < math.inf for soc, c in pairs):
                 raise InputError(
                     f"`{name}` {rate}: a rate is 0 or more, and states of charge are from 0 to 1"
@@ -98,7 +100,11 @@ class Limits:
 
     def rates_a(self, capacity_ah: float, soc: Soc) -> tuple[Soc, Soc]:
         """The largest discharge and charge in A that are named for these states of charge."""
-        return _at(self.discharge_c, soc) * capacity_ah, _at(self.charge_c, soc) * capacity_ah
+        discharge_c, charge_c = (
+            np.interp(soc, *np.transpose(_pairs(rate)))
+            for rate in (self.discharge_c, self.charge_c)
+        )
+        return discharge_c * capacity_ah, charge_c * capacity_ah
 
     def allowed(self, believed: Believed, high_soc: float, low_soc: float) -> tuple[float, float]:
         """The largest discharge and charge in A between two states of charge, where resistances are
@@ -120,10 +126,9 @@ class Limits:
         return discharge_a, charge_a * (not is_full)
 
 
-def _at(rate: float | Sequence[tuple[float, float]], soc: np.ndarray) -> np.ndarray:
-    if isinstance(rate, int | float):
-        return np.full(len(soc), float(rate))
-    return np.interp(soc, *np.transpose(sorted(rate)))
+def _pairs(rate: Rate) -> list[tuple[float, float]]:
+    """A rate over SOC, where it has one value at every SOC too."""
+    return [(0.0, float(rate))] if isinstance(rate, int | float) else sorted(rate)
 
 
 def window_of(cell: CellModel, chemistry: str = "") -> tuple[float, float]:

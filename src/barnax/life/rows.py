@@ -23,7 +23,6 @@ import hashlib
 import itertools
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -182,14 +181,11 @@ def ageing_row(
         "record throughput [A.h]": passed_as / 3600,
         "aged beside OCV": hashlib.sha256(ocv_v.tobytes()).hexdigest()[:16],
     }
-    told: Mapping[str, Aged] = {}
-    with suppress(InputError):
-        told = measure_ageing(
-            records, TableSettings(), is_own=is_own and records[0].cell.is_of_records
-        )
-    row |= dict.fromkeys(("aged capacity to empty", "aged log evidence by shape"))
-    if CAPACITY in told:
-        row["aged capacity to empty"] = shows_both_ends(records, told[CAPACITY].value)
+    is_own = is_own and records[0].cell.is_of_records
+    told = measure_ageing(records, TableSettings(), is_own=is_own)
+    capacity = told.get(CAPACITY)
+    row["aged capacity to empty"] = capacity and shows_both_ends(records, capacity.value)
+    row[EVIDENCE] = None
     for name in AGED:
         value = told.get(name)
         is_told = value is not None and value.is_determined
@@ -199,7 +195,7 @@ def ageing_row(
         row[f"aged {name} by OCV"] = value and [*value.by_ocv]
         row[f"aged {name} by shape"] = None
         if value is not None and len(value.by_shape) == len(SHAPES_V):
-            row["aged log evidence by shape"] = [*value.log_evidence]
+            row[EVIDENCE] = [*value.log_evidence]
             row[f"aged {name} by shape"] = [*itertools.chain(*value.by_shape)]
     return row, [*_doubts(told, records[0])]
 

@@ -129,8 +129,23 @@ def fit_pack(
     own = [replace(pack, reduced=pack.reduced.side(side)) for side in range(count)]
     found = [objective.solve(log_scales, exact=True) for objective in own]
     light = [unsmoothed(objective, start)[1] for objective, start in zip(own, found, strict=True)]
-    spread = _Spread.of(own[0], light, sides_v)
-    loaded_soc, directions = _directions(pack, found[0], prepared, spread)
+    lighter = replace(own[0], smoothing_scale=LIGHT)
+    others = np.eye(len(lighter.axes) + len(lighter.numbers))
+    values = np.column_stack([np.concatenate(solution.values) for solution in light])
+    fit = Linearized.of(lighter, light[0], others, linearized(lighter, light[0], sides_v), values)
+    by_noise = _moved(fit, lighter, fit.to_noise.T)
+    # All tables are at their best; what is left is the slope by the scales, beside the mean's.
+    by_scales = fit.slopes[:, :1] - fit.slopes
+    by_scales[: -len(others)] = 0.0
+    # To each side's own time constants, of tables as smoothed as they are and lightly.
+    steps = [_moved(fit, weighted, by_scales) for weighted in (own[0], lighter)]
+
+    def reach_of(side: int, direction: Float[np.ndarray, "values"]) -> float:
+        """Half the 95 % interval of a combination of values."""
+        return fit.noises[side].reach(direction @ by_noise)[1]
+
+    variance = np.einsum("ij,jk,ik->i", by_noise, fit.noises[0].spread_v2, by_noise)
+    loaded_soc, directions = _directions(pack, found[0], prepared, variance)
     if own_time_constants:
         wide = reduced_objective([prepared], settings, beside_v=sides_v)
         for side in range(count):
@@ -151,72 +166,42 @@ def fit_pack(
         rows, lightly = (np.concatenate(solution.values) for solution in (best, light[side]))
         if not own_time_constants:
             # What is told is at the cell's own, to first order.
-            rows, lightly = rows + spread.steps[0][:, side], lightly + spread.steps[1][:, side]
-        values: dict[str, Value] = {}
+            rows, lightly = rows + steps[0][:, side], lightly + steps[1][:, side]
+        told: dict[str, Value] = {}
         for what, direction in directions.items():
             # Of what is told by comparison, the values are those of the light fit.
             is_other, level_v = what in (SHIFT, CAPACITY), loaded_v if what == LOADED else 0.0
             pair = (lightly - mean_cell,) * 2 if is_other else (rows, lightly)
             value, near = (float(direction @ tables) + level_v for tables in pair)
             # The circuit's own error is common to all cells; the mean cell shows it best.
-            common = 0.0 if is_other else spread.reach(0, direction)
-            reach = math.hypot(spread.reach(side, direction), common)
+            common = 0.0 if is_other else reach_of(0, direction)
+            reach = math.hypot(reach_of(side, direction), common)
             ends = min(value, near - reach), max(value, near + reach)
             if is_other and reach > TOLD:
                 continue
             if what == CAPACITY:
                 value, *ends = (1 / (1 - end) for end in (value, *ends))
-            values[what] = Value(value, *ends)
+            told[what] = Value(value, *ends)
         ocv_v = np.where(seen, known_v + np.concatenate(best.values)[ocv], np.nan)
         rmse_v = math.sqrt(float(best.error @ best.error))
-        cells.append(PackCell(name, rmse_v, pack.tables_at(best), tuple(ocv_v.tolist()), values))
+        cells.append(PackCell(name, rmse_v, pack.tables_at(best), tuple(ocv_v.tolist()), told))
     return PackFit(tuple(ocv_nodes.tolist()), loaded_soc, tuple(cells))
 
 
-@dataclass(frozen=True, eq=False)
-class _Spread:
-    """Tables moved by noise: `moved` is by the coordinates of the noise's projection. `steps` are
-    how far every side's tables go to first order where it has time constants of its own, as
-    smoothed as they are and lightly."""
-
-    noises: Sequence
-    moved: Float[np.ndarray, "values seen"]
-    steps: tuple[Float[np.ndarray, "values sides"], Float[np.ndarray, "values sides"]]
-
-    @classmethod
-    def of(
-        cls,
-        objective: TableObjective,
-        light: Sequence[Solution],
-        sides_v: Float[np.ndarray, "simulated sides"],
-    ) -> "_Spread":
-        """The spread of every side, whose values are those of its light fit."""
-        lighter = replace(objective, smoothing_scale=LIGHT)
-        values = np.column_stack([np.concatenate(solution.values) for solution in light])
-        others = np.eye(len(lighter.axes) + len(lighter.numbers))
-        rows = linearized(lighter, light[0], sides_v)
-        fit = Linearized.of(lighter, light[0], others, rows, values)
-        # All tables are at their best; what is left is the slope by the scales, beside the mean's.
-        by_scales = fit.slopes[:, :1] - fit.slopes
-        by_scales[: -len(others)] = 0.0
-
-        def turned(weighted: TableObjective, pushes: np.ndarray) -> np.ndarray:
-            normal = with_penalty(weighted, fit.products, fit.ways)
-            return (fit.ways @ np.linalg.lstsq(normal, pushes, UNSEEN**2)[0])[: len(values)]
-
-        return cls(
-            fit.noises,
-            turned(lighter, fit.to_noise.T),
-            (turned(objective, by_scales), turned(lighter, by_scales)),
-        )
-
-    def reach(self, side: int, direction: Float[np.ndarray, "values"]) -> float:
-        """Half the 95 % interval of a combination of values."""
-        return self.noises[side].reach(direction @ self.moved)[1]
+def _moved(
+    fit: Linearized, weighted: TableObjective, pushes: Float[np.ndarray, "ways pushes"]
+) -> Float[np.ndarray, "values pushes"]:
+    """How far pushes move the tables, which are smoothed as an objective says."""
+    normal = with_penalty(weighted, fit.products, fit.ways)
+    moved = fit.ways @ np.linalg.lstsq(normal, pushes, UNSEEN**2)[0]
+    return moved[: len(weighted.to_tables)]
 
 
 def _directions(
-    pack: TableObjective, mean: Solution, prepared: PreparedRecord, spread: _Spread
+    pack: TableObjective,
+    mean: Solution,
+    prepared: PreparedRecord,
+    variance: Float[np.ndarray, "values"],
 ) -> tuple[float, dict[str, Float[np.ndarray, "values"]]]:
     """The SOC at which every cell is loaded, and its quantities as combinations of its tables'
     values.
@@ -245,8 +230,7 @@ def _directions(
     slope = np.gradient(ocv_v[seen], ocv_nodes[seen])
     start = float(prepared.soc[0])
     design = slope[:, None] * np.column_stack([np.ones(len(seen)), start - ocv_nodes[seen]])
-    moved = spread.moved[places]
-    variance = np.einsum("ij,jk,ik->i", moved, spread.noises[0].spread_v2, moved)[seen]
+    variance = variance[places][seen]
     weight = np.where(variance > 0, 1 / np.sqrt(np.where(variance > 0, variance, 1.0)), 0.0)
     told = np.linalg.pinv(design * weight[:, None]) * weight
     for name, row in zip((SHIFT, CAPACITY), told, strict=True):

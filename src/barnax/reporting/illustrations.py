@@ -18,7 +18,7 @@ from .wording import sentences, wording
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ..comparison import Comparison, ComparisonResult
+    from ..comparison import ComparisonResult
     from ..results import Result
     from ..search.evaluate import Evaluation
 
@@ -101,20 +101,17 @@ def stored_illustrations(result: "Result") -> Drawn:
     return [_of_ocv(result), *_of_tables(result)]
 
 
-def comparison_illustrations(
-    result: "ComparisonResult", comparison: "Comparison | None" = None, *, live: bool = False
-) -> Drawn:
-    """Every figure of a comparison; those over time only with the comparison itself.
+def comparison_illustrations(result: "ComparisonResult", *, live: bool = False) -> Drawn:
+    """Every figure of a comparison; one that is stored holds no records, and has none over time.
 
-    A stored comparison holds no records, so from `result` alone comes the figure of the cell.
     Where `live`, the voltages of a record have an interactive form.
     """
     drawn = [illustrate("ocv", result.cell.is_of_records, plots.plot_ocv, result.cell)]
-    if comparison is not None and comparison.answered:
-        roles = record_roles(1, len(comparison.answered[0].evaluations) - 1)
-        for index, role in enumerate(roles):
-            rows = {row.name: row.evaluations[index] for row in comparison.answered}
-            drawn += _of_record(role, rows, live and len(roles))
+    evaluations = {row.name: row.evaluations for row in result.answered if row.evaluations}
+    records = len(next(iter(evaluations.values()), ()))
+    for index, role in enumerate(record_roles(1, records - 1) if records else ()):
+        rows = {name: of_row[index] for name, of_row in evaluations.items()}
+        drawn += _of_record(role, rows, live and records)
     return drawn
 
 

@@ -278,6 +278,24 @@ def test_a_hysteresis_without_an_ocv_test_is_told_stored_and_exported(turning, t
     assert (tables_of(again).hysteresis is not None) is bool(half_gap_v)
 
 
+@pytest.mark.parametrize("model", [None, pytest.param("esc", marks=pytest.mark.slow)])
+def test_a_hysteresis_that_turns_as_slowly_as_an_ocv_is_not_told_from_it(model):
+    """Over half of the range, its gap could be anything: no circuit with it is chosen, and of one
+    that is asked for neither gap nor OCV is determined."""
+    record, _ = hysteretic(0.02, gamma=2.0)
+    asked = {"model": model, "over": "soc"} if model else {}
+    result = barnax.identify(record, window=FROM_FULL, nodes=FEW_NODES, **FAST, **asked)
+    told = result.fit.of_table(OCV)
+    if model is None:
+        assert "half hysteresis [V]" not in result.fit.tables.tables
+        assert "like the OCV" in {rung.outcome for rung in result.tried}
+        assert all(node.low is not None for node in told)
+    else:
+        gaps = result.fit.of_table("half hysteresis [V]")
+        assert {node.low for node in (*told, *gaps)} == {None}
+        assert any(node.low is not None for node in result.fit.of_table("R0 [Ohm]"))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("half_gap_v", [0.0, 0.006])
 def test_a_circuit_that_was_asked_for_without_the_hysteresis_shown_says_so(half_gap_v):

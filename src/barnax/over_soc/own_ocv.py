@@ -16,7 +16,7 @@ import numpy as np
 from ..cell import CellModel, get_circuit
 from ..cell.characterize import over_temperatures
 from ..cell.elements import names_of
-from ..cell.parameters import OCV
+from ..cell.parameters import HALF_HYSTERESIS, OCV, RATE
 from ..display import Brief
 from ..execution import in_float64
 from ..model.prepared import PreparedRecord, prepare_record
@@ -77,6 +77,9 @@ def prove_own(own: OwnRecords, objective: TableObjective, best: Solution, starts
     slowest = {hit.name for hit in fit.at_bound if hit.side == "upper"}
     pairs = names_of(get_circuit(circuit).elements)
     is_open = {pair.resistance for pair in pairs if pair.tau in slowest}
+    if any(hit.name == RATE and hit.side == "lower" for hit in fit.at_bound):
+        # A hysteresis that hardly turns and the OCV take each other's place.
+        is_open |= {HALF_HYSTERESIS, OCV}
     intervals, means = (
         tuple(node if is_open.isdisjoint(parts_of(node.name)) else node.opened() for node in given)
         for given in (fit.intervals, fit.means)

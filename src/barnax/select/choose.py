@@ -39,8 +39,8 @@ class Fitted(NamedTuple):
 
 
 # What became of a rung: it is kept; it gains too little, or less than the one that was kept; what
-# it adds is not determined; or the circuit was asked for without it.
-Outcome = Literal["kept", "no gain", "less gain", "not determined", "not asked for"]
+# it adds is not determined, or takes the place of the OCV; or the circuit was asked for without it.
+Outcome = Literal["kept", "no gain", "less gain", "not determined", "like the OCV", "not asked for"]
 
 
 @dataclass(frozen=True)
@@ -195,6 +195,8 @@ class Bench:
         """What becomes of a richer circuit, unless no other gains more."""
         if not self._is_worth(chosen, more, gain):
             return "no gain"
+        if self._is_like_ocv(more):
+            return "like the OCV"
         if not self._is_determined(chosen.point, more):
             return "not determined"
         is_other = self.limits.is_asked and more.point.circuit != chosen.point.circuit
@@ -206,6 +208,14 @@ class Bench:
         is_new = richer.point.kind != simpler.point.kind and not self.limits.has_ocv
         least = self.policy.least_gain_of_hysteresis if is_new else 0.0
         return self.policy.is_better(gain) and gain.value > least
+
+    def _is_like_ocv(self, more: Fitted) -> bool:
+        """True of a hysteresis that turns so slowly that an OCV of the records' own does the same:
+        its gap is anything then, and the OCV with it."""
+        has_to_earn_it = more.point.has_rate and not Point(self.limits.start).has_rate
+        if not (self.limits.has_ocv and has_to_earn_it):
+            return False
+        return math.exp(more.best.log_scales[-1]) < self.policy.slowest_rate
 
     def _is_determined(self, before: Point, more: Fitted) -> bool:
         """False for a new hysteresis that turns at once, and a new law whose interval is wide."""

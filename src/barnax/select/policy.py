@@ -33,6 +33,8 @@ class Policy:
         widest: The most decades of a law's own interval.
         fastest_rate: A hysteresis that turns faster, within 1 % SOC, cannot be told from
             resistances that fall with the current.
+        slowest_rate: One that turns more slowly than this, over 10 % SOC, cannot be told from an
+            OCV of the records' own.
     """
 
     standard_errors: float = 1.5
@@ -42,6 +44,7 @@ class Policy:
     least_span_soc: float = 0.3
     widest: float = 1.0
     fastest_rate: float = 285.0
+    slowest_rate: float = 10.5
 
     def gain(self, simpler: HeldOut, richer: HeldOut) -> "Gain":
         """By how much the loss of a richer circuit is lower."""

@@ -1,6 +1,7 @@
 """`Result.simulate`: a current of one's own, against closed forms and a loop of the equations."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import polars as pl
@@ -95,6 +96,37 @@ def test_a_start_of_ones_own_is_where_it_starts():
 def test_what_cannot_be_simulated_is_refused_in_words(given, options, told):
     with pytest.raises(InputError, match=told):
         make_result("so-rc").simulate(given, **options)
+
+
+def started(result, soc):
+    """The result with another start of its record, a little beyond full or among unscored rows."""
+    (part,) = result.of_role("identification")
+    moved = part.model_copy(update={"start": replace(part.start, soc=soc)})
+    others = [one for one in result.inputs if one is not part]
+    return result.model_copy(update={"inputs": (moved, *others)})
+
+
+def test_every_record_is_simulated_from_the_start_that_it_had():
+    result = started(make_result("so-rc"), 1.0000347)
+    assert result.start.soc == 1.0000347
+    assert result.simulate(COLUMNS)["SOC"][0] == 1.0000347
+    (part,) = result.of_role("identification")
+    second = part.model_copy(update={"start": replace(part.start, soc=1.002), "name": "b"})
+    several = result.model_copy(update={"inputs": (*result.inputs, second)})
+    assert several.simulate(COLUMNS, initial_soc=1.002)["SOC"][0] == 1.002
+
+
+def test_a_start_beyond_the_ocv_is_simulated_with_a_warning():
+    """An OCV of the records' own reaches as far as their scored samples do."""
+    result = started(make_result("so-rc"), 0.9)
+    names = "charge_points", "discharge_points"
+    points = {n: tuple(p for p in getattr(result.cell, n) if p.soc < 0.8) for n in names}
+    (part,) = result.of_role("identification")
+    scored = part.model_copy(update={"soc_range": (0.2, 0.79)})
+    update = {"cell": replace(result.cell, **points), "inputs": (scored, *result.inputs[1:])}
+    with pytest.warns(UserWarning, match=r"identified on \(20 to 79 %\), and beyond its OCV"):
+        found = result.model_copy(update=update).simulate(COLUMNS)
+    assert found["SOC"][0] == 0.9
 
 
 def test_a_column_of_temperature_that_changes_is_said_not_to_be_followed():

@@ -133,8 +133,11 @@ def _doubts(
         if len(outside):
             at = {"samples": len(outside), "time_s": profile.time_s[outside[0]]}
             at |= {"low_percent": 100 * low, "high_percent": 100 * high}
-            of = {"what": "tables", "held": "true"} if result.tables else {"what": "circuit"}
-            yield Notice("simulation.outside-soc", {**at, **of})
+            at |= {"what": "tables" if result.tables else "circuit"}
+            ends = _at(result, given_degc).cell_at().soc_range
+            is_within = ends[0] - SAME_FULL <= soc.min() and soc.max() <= ends[1] + SAME_FULL
+            held = "true" if result.tables else None
+            yield Notice("simulation.outside-soc", {**at, "held": held if is_within else "ocv"})
     degc = profile.temperature_degc
     dependence = _at(result, given_degc).circuit_parameters.dependence
     is_followed = dependence is not None and BETA in dependence.numbers
@@ -174,7 +177,8 @@ def simulate_current(
     start_soc = start.soc if initial_soc is None else initial_soc
     # Counted charge may put a start a little beyond full or empty.
     parts = result.of_role("identification")
-    ends = [start.soc, *(soc for part in parts for soc in part.soc_range or ())]
+    ends = [part.start.soc for part in parts if part.start is not None]
+    ends += [soc for part in parts for soc in part.soc_range or ()]
     is_shown = min(ends) <= start_soc <= max(ends)
     window = Window(
         start_time_s=float(time_s[0]),
@@ -187,7 +191,9 @@ def simulate_current(
     discharged_ah = np.cumsum(current_a[:-1] * np.diff(time_s)) / 3600
     soc = start_soc - np.concatenate([[0.0], discharged_ah]) / cell.capacity_ah
     low, high = cell.soc_range
-    far = np.flatnonzero((soc < low - OCV_MARGIN) | (soc > high + OCV_MARGIN))
+    # What was identified on may leave the OCV too, where its samples do not count.
+    lowest, highest = min(low, 0.0, *ends), max(high, 1.0, *ends)
+    far = np.flatnonzero((soc < lowest - OCV_MARGIN) | (soc > highest + OCV_MARGIN))
     if len(far):
         raise InputError(
             f"{NAME} takes the cell to a state of charge of {soc[far[0]]:.3f} at "

@@ -27,6 +27,7 @@ from barnax.reporting.view import View
 from barnax.reporting.wording import sentences, wording
 from barnax.results import Result
 from barnax.search.refine import AtBound
+from barnax.settings import Registration
 from helpers.golden import GOLDEN, RESULT, require_golden, without_blanks
 from helpers.report_reader import ReportReader
 from helpers.results import with_constant
@@ -207,6 +208,21 @@ def test_records_identified_together_stand_one_by_one_and_as_a_whole(joint):
     text = screen(joint)
     assert f"{1e3 * joint.metrics.identification.rmse_v:.1f} mV" in text
     assert max(map(len, text.splitlines())) <= 80
+
+
+def test_a_start_that_was_fitted_has_its_line_though_it_was_adjusted():
+    """Where it was moved with the circuit, or by other records, it is still one that was fitted."""
+    start = replace(STORED.start, soc=0.982, soc_source="registered", soc_sd=0.014)
+    for source, line in (
+        ("fitted", "fitted to the record with a standard error of 1.4 %; --initial-soc sets"),
+        ("rest elsewhere", "from the rested voltage 4.1785 V at row 2, and the ampere-hours since"),
+    ):
+        ends = {"soc_low": 0.97, "soc_high": 0.99, "capacity_low_ah": 2.0, "capacity_high_ah": 2.0}
+        by_fit = Registration(Window(), 0.992, 2.0, source, **ends, by="circuit", told_sd=0.014)
+        window = Window(initial_soc=0.982, soc_source="registered", registration=by_fit)
+        text = " ".join(screen(changed(STORED, start=start, window=window)).split())
+        said = f"identification.parquet starts at 98 % SOC, adjusted from 99 %, {line}"
+        assert said in text
 
 
 def test_every_decision_is_told_as_firmly_as_it_was_made():

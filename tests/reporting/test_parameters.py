@@ -92,3 +92,22 @@ def test_an_interval_that_would_hide_a_doubling_is_too_wide_to_tell():
         " ".join(repr(beside).split())
     )
     assert "+40 %, too wide to tell" in repr(beside)
+
+
+def test_means_over_other_states_of_charge_are_not_compared():
+    one, alike, other = (make_table_result() for _ in range(3))
+    (fit,) = other.tables.fits
+    tables = replace(fit.tables, visited=tuple(node >= 0.5 for node in fit.tables.nodes))
+    means = tuple(replace(mean, value=2 * mean.value, low=1.9 * mean.value) for mean in fit.means)
+    means = tuple(replace(mean, high=2.1 * mean.value) for mean in means)
+    of_top = replace(fit, tables=tables, means=means)
+    top = other.model_copy(update={"tables": replace(other.tables, fits=(of_top,))})
+    beside = barnax.show(one, alike, top, names=("one", "alike", "top"))
+    assert not any(title.startswith("mean") for title in beside.differing["top"])
+    text = repr(beside)
+    rows = [line.split() for line in text.split("\n") if line.split()[:2] == ["mean", "R0"]]
+    assert [row[2] for row in rows] == ["10-100", "50-100"]
+    assert "within" in " ".join(rows[0])
+    said = "The means are over different SOC, 10-100 % and 50-100 %, and are not compared."
+    assert said in " ".join(text.split())
+    assert said not in " ".join(repr(barnax.show(one, alike)).split())

@@ -310,10 +310,11 @@ def prepare_record(
     start, capacity_ah, warnings = find_start(record, cell, window, capacity_ah, first, rest_a)
     soc = soc_along(record, capacity_ah, first, start.soc)
     scored = scored_samples(record, window, first, soc)
-    scored, found = within_ocv(record, cell, capacity_ah, soc, scored)
-    if any(one.severity == "error" for one in found):
-        raise found[0].error()
-    warnings += found
+    if is_measured:
+        scored, found = within_ocv(record, cell, capacity_ah, soc, scored)
+        if any(one.severity == "error" for one in found):
+            raise found[0].error()
+        warnings += found
     wrong = np.flatnonzero(scored & (record.voltage_v <= 0))
     if len(wrong):
         # Relative errors divide by voltages.

@@ -16,6 +16,7 @@ from ..results import Result
 from ..uncertainty import Estimate
 from .document import Document, Table, rows_table
 from .render import to_fragment
+from .soc_tables import mean_extent
 from .wording import document, wording
 from .words import (
     NOT_DETERMINED,
@@ -36,8 +37,8 @@ if TYPE_CHECKING:
     from ..over_soc.fit import TableFit
     from ..over_soc.fits import TableFits
 
-# A parameter's name, and the SOC that it is at.
-Key = tuple[str, float | None]
+# A parameter's name, and the SOC that it is at, or of a mean over.
+Key = tuple[str, str]
 TABLE_HEADS = ("temperature [degC]", "table", "SOC", "value", "low", "high", "visited")
 # States of charge at which tables are compared.
 COMPARED_SOC = (0.1, 0.3, 0.5, 0.7, 0.9)
@@ -128,6 +129,11 @@ def _compared(fit: "TableFit") -> Iterator[Fact]:
     yield from (fact for fact in facts if fact.soc is None and not fact.is_mean)
 
 
+def _key(fact: Fact, fit: "TableFit") -> Key:
+    """What has to be alike of two numbers that are compared: a mean over other SOC is another."""
+    return fact.label, mean_extent(fit) if fact.is_mean else percent(fact.soc)
+
+
 def _words(fact: Fact) -> str:
     """A number with its interval; NaN is not determined."""
     if math.isnan(fact.value):
@@ -189,8 +195,8 @@ def show(*results: Result | str | Path, names: tuple[str, ...] = ()) -> SideBySi
     Two cells, two ages or two temperatures of one cell: every parameter with its 95 % interval, and
     the change from the first result. Intervals that do not overlap tell a difference; that they do
     overlap tells none, which is careful, and nothing at all where one of them spans more than a
-    factor of two. Tables are compared at some states of charge, with each
-    other; beside a constant circuit, that of the other result is compared.
+    factor of two. Tables are compared at some states of charge, and their means where these are
+    over the same SOC; beside a constant circuit, that of the other result is compared.
 
     Args:
         results: Results, their folders or their files.
@@ -212,7 +218,7 @@ def show(*results: Result | str | Path, names: tuple[str, ...] = ()) -> SideBySi
     have_tables = all(result.over for result in loaded)
     quantities = {
         name: {
-            (fact.label, fact.soc): fact
+            _key(fact, result.fit): fact
             for fact in (_compared(result.fit) if have_tables else _constants(result))
         }
         for name, result in zip(names, loaded, strict=True)
@@ -239,6 +245,7 @@ def show(*results: Result | str | Path, names: tuple[str, ...] = ()) -> SideBySi
         beyond=differing,
         wide={name: _by_symbol(alike) for name, alike in changes.items()},
         models={result.model for result in loaded},
+        extents=dict.fromkeys(mean_extent(result.fit) for result in loaded if have_tables),
         have_tables=have_tables,
     )
     return SideBySide(report, differing, too_wide)
@@ -303,7 +310,7 @@ def _parameters_table(quantities: Mapping[str, Mapping[Key, Fact]]) -> Table:
         heads.insert(4 + 2 * index, f"change to {name}" if len(others) > 1 else "change")
     rows = []
     for key in dict.fromkeys(key for facts in quantities.values() for key in facts):
-        row = [symbol(key[0]), percent(key[1])]
+        row = [symbol(key[0]), key[1]]
         for facts in quantities.values():
             row += [_words(facts[key]) if key in facts else NOTHING]
             row += [] if facts is first else [change(key, facts)]

@@ -46,7 +46,8 @@ def replay_table(replay: "SocReplay") -> Table:
 
 def soc_screen(replay: "SocReplay") -> Document:
     """The replay, its scenarios, the estimated parameters, and the innovations."""
-    about = wording("replay.record", replay, "   "), wording("replay.filter", replay)
+    about = [wording("replay.record", replay, "   "), wording("replay.filter", replay)]
+    about += sentences("replay.whole", replay)
     table = replace(replay_table(replay), caption="", is_bare=True)
     lines = Lines(sentences("replay.verdict", replay))
     return screen(map(Paragraph, about), [table], [lines])

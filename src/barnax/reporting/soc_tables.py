@@ -252,12 +252,18 @@ def _interval_of(own: "NodeInterval", value: str, view: "View") -> str:
 
 
 def over_soc_words(fit: "TableFit") -> str:
-    """The range of SOC that means are over; empty of a constant circuit."""
+    """The range of SOC that means are over, as a sentence has it; empty of a constant circuit."""
+    extent = mean_extent(fit)
+    return f"over {extent} SOC" if extent else ""
+
+
+def mean_extent(fit: "TableFit") -> str:
+    """The range of SOC that means are over, in percent; empty of a constant circuit."""
     soc = visited_soc(fit) if fit.is_over_soc else [own.soc or 0.0 for own in fit.of_table(OCV)]
     if not soc:
         return ""
     low = max(soc[0], min(ABOVE_SOC, soc[-1]))
-    return f"over {100 * low:.0f}-{100 * soc[-1]:.0f} % SOC"
+    return f"{100 * low:.0f}-{100 * soc[-1]:.0f} %"
 
 
 def visited_soc(fit: "TableFit") -> list[float]:

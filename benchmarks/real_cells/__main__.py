@@ -62,8 +62,9 @@ def page(runs: list[Ran]) -> str:
     for ran in runs:
         lines += [f"## {ran.name}", "", *verdict_sentences(ran), "", *rows_table(ran), ""]
         lines += [
-            f"- {model}: {wording('circuit.optimum', optimum)}."
-            for model, optimum in ran.comparison.optima.items()
+            f"- {name}: {wording('circuit.optimum', model.optimum)}."
+            for name, model in ran.comparison.models.items()
+            if model.optimum is not None
         ]
         lines.append("")
     return "\n".join(lines)

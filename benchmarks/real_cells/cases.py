@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import barnax
-from barnax.comparison import PAPER_ROWS, Comparison, Row
+from barnax.comparison import PAPER_ROWS, ComparisonResult, Row
 from barnax.model.prepared import prepare_record
 from barnax.search.evaluate import Evaluation
 
@@ -94,7 +94,7 @@ class Ran:
 
     name: str
     cell: barnax.CellModel
-    comparison: Comparison
+    comparison: ComparisonResult
     validation: dict[str, Evaluation]
 
     @property

@@ -16,11 +16,9 @@ from .cell import make_circuit as make_circuit
 from .cell import read_ocv_table as read_ocv_table
 from .checks import FileCheck as FileCheck
 from .checks import check_file as check_file
-from .comparison import Comparison as Comparison
 from .comparison import ComparisonResult as ComparisonResult
 from .comparison import compare as compare
-from .comparison import make_comparison_result as make_comparison_result
-from .comparison.result import compare_files as compare_files
+from .comparison.run import compare_files as compare_files
 from .errors import InputError as InputError
 from .experiment import Block as Block
 from .experiment import Design as Design

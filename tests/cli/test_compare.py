@@ -8,7 +8,7 @@ import pytest
 from barnax.bundled import BUNDLED
 from barnax.cli import compare as command
 from barnax.comparison import ComparisonResult
-from barnax.comparison.result import compare_files
+from barnax.comparison.run import compare_files
 from barnax.errors import InputError
 
 from .conftest import BUDGET, contents, run_command

@@ -10,7 +10,7 @@ from scipy.optimize import differential_evolution
 
 from barnax.baselines import Budget
 from barnax.bundled import BUNDLED
-from barnax.comparison import ComparisonResult, compare, make_comparison_result
+from barnax.comparison import ComparisonResult, compare
 from barnax.comparison.statistics import errors_by_soc
 from barnax.errors import InputError
 from barnax.model.window import Window
@@ -54,11 +54,6 @@ def comparison(bundled_record, bundled_cell, validation, watched):
         budget=BUDGET,
         watch=watch,
     )
-
-
-@pytest.fixture(scope="module")
-def result(comparison, validation):
-    return make_comparison_result(comparison, ocv=[validation])
 
 
 def row_of(comparison, name):
@@ -138,10 +133,10 @@ def test_bounds_go_to_the_models_that_have_the_parameter(bundled_record, bundled
     assert compared.rows[1].problem.bounds.ranges["R3 [Ohm]"] == (0.001, 0.002)
 
 
-def test_the_file_gives_back_the_result_exactly(result, tmp_path):
+def test_the_file_gives_back_the_result_exactly(comparison, tmp_path):
     path = tmp_path / "comparison.json"
-    path.write_text(result.to_json())
-    assert ComparisonResult.from_json(path) == result
+    path.write_text(comparison.to_json())
+    assert ComparisonResult.from_json(path) == comparison
 
 
 @pytest.mark.parametrize(
@@ -152,8 +147,8 @@ def test_the_file_gives_back_the_result_exactly(result, tmp_path):
         (lambda stored: stored.update(models={}), "no box of"),
     ],
 )
-def test_a_file_that_is_not_whole_is_refused(result, tmp_path, change, reason):
-    stored = json.loads(result.to_json())
+def test_a_file_that_is_not_whole_is_refused(comparison, tmp_path, change, reason):
+    stored = json.loads(comparison.to_json())
     change(stored)
     path = tmp_path / "comparison.json"
     path.write_text(json.dumps(stored))
@@ -161,9 +156,9 @@ def test_a_file_that_is_not_whole_is_refused(result, tmp_path, change, reason):
         ComparisonResult.from_json(path)
 
 
-def test_a_row_is_read_as_it_was_found(comparison, result, tmp_path):
+def test_a_row_is_read_as_it_was_found(comparison, tmp_path):
     path = tmp_path / "comparison.json"
-    path.write_text(result.to_json())
+    path.write_text(comparison.to_json())
     row, stored = row_of(comparison, "pso iso-rc"), ComparisonResult.from_json(path).rows[3]
     assert stored.median.parameters.to_dict() == row.median.parameters.to_dict()
     assert stored.errors_v.tolist() == row.errors_v.tolist()
@@ -181,14 +176,14 @@ def test_a_row_is_read_as_it_was_found(comparison, result, tmp_path):
 def test_a_comparison_repeats_to_the_same_bytes(bundled_record, bundled_cell):
     def text():
         compared = compare(bundled_record, bundled_cell, ROWS[2:4], window=WINDOW, budget=BUDGET)
-        return make_comparison_result(compared).to_json()
+        return compared.to_json()
 
     assert text() == text()
 
 
 @pytest.mark.slow
 def test_seeds_that_stop_after_different_generations_are_stored(
-    bundled_record, bundled_cell, monkeypatch
+    bundled_record, bundled_cell, monkeypatch, tmp_path
 ):
     """Differential evolution ends where its whole population has come to one error, at last."""
     turns = itertools.count()
@@ -205,7 +200,9 @@ def test_seeds_that_stop_after_different_generations_are_stored(
         fixed={"R1 [Ohm]": 0.02, "tau1 [s]": 20.0},
         budget=Budget(population=5, iterations=60, seeds=3),
     )
-    result = make_comparison_result(compared)
+    path = tmp_path / "comparison.json"
+    path.write_text(compared.to_json())
+    result = ComparisonResult.from_json(path)
     histories = [seed.history_v for seed in result.rows[0].answers]
     assert len({len(each) for each in histories}) > 1
     assert [each[-1] for each in histories] == [seed.rmse_v for seed in result.rows[0].answers]

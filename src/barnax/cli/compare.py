@@ -55,7 +55,7 @@ def compare(options: Comparing) -> None:
     run.load_jax()
     from ..cell import CIRCUITS
     from ..comparison import PAPER_ROWS
-    from ..comparison.result import ComparisonJob
+    from ..comparison.run import ComparisonJob
 
     rows = chosen_rows(options.models, options.methods, PAPER_ROWS)
     for model, method in rows:
@@ -75,7 +75,7 @@ def compare(options: Comparing) -> None:
     with run.watch("Comparing", total) as advance:
         # Every stage is timed; its seeds advance the one bar that there is.
         job = job.changed(watch=lambda name, total=0: run.timed(name, advance))
-        _, result = barnax.compare_files(job)
+        result = barnax.compare_files(job)
     seconds = {row.name: run.seconds[row.name] for row in result.rows}
     figures = reporting.illustrations.comparison_illustrations
     draw = partial(figures, result, live=options.live)

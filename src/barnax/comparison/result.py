@@ -1,32 +1,117 @@
-"""`comparison.json`: what a comparison found, and from files to it."""
+"""`comparison.json`: what a comparison found."""
 
-from collections.abc import Sequence
+import math
 from dataclasses import dataclass
-from typing import ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
+import numpy as np
+from jaxtyping import Float
 from pydantic import model_validator
 
-from ..baselines import Budget
-from ..cell import CellModel, OcvTable
-from ..errors import InputError
-from ..execution import unwatched
+from ..baselines import Answer, Budget
+from ..cell import CellModel
+from ..display import Brief
 from ..global_optimum.search import GlobalOptimum
-from ..identification import search_and_assess
-from ..inputs import listed, read_inputs, windows_of
-from ..job import Job, takes_options
 from ..model.coordinates import Scale
 from ..model.problem import Kind
-from ..model.search_space import ranges_of
-from ..notices import Notice
-from ..records import Record
-from ..result_parts import Candidate, InputPart, all_versions
-from ..run_setup import problem_of, set_up, settled
-from ..schema import Document, Parameters, Part, Told
-from ..settings import TableOptions
-from .run import PAPER_ROWS, Comparison, Difference, Row, compare
+from ..result_parts import Candidate, InputPart, MetricsPart
+from ..schema import Document, Parameters, Part, Told, Unstored
+from ..search.evaluate import Evaluation
+from ..search.refine import AtBound, RefinedSeed
+from .statistics import BandError, Resampled, SeedPairs, errors_by_soc
 
-# Options of one circuit, or of its tables.
-_OF_ONE = {*vars(TableOptions()), *("model", "method", "over", "trust", "cell", "tables")}
+
+@dataclass(frozen=True)
+class RecordErrors:
+    """Errors of a row's own answer on one record, in all and by SOC."""
+
+    metrics: MetricsPart
+    bands: tuple[BandError, ...]
+
+    @classmethod
+    def of(cls, evaluation: Evaluation) -> Self:
+        """The errors of an evaluation."""
+        prepared = evaluation.prepared
+        bands = errors_by_soc(evaluation.error_v, prepared.soc, prepared.scored)
+        return cls(MetricsPart.of(evaluation), bands)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Row(Brief):
+    """One method on one model. Everything but `refined` is of the method's own answers.
+
+    Attributes:
+        model: Name of the circuit.
+        method: One of `METHODS`.
+        source: Where the method comes from.
+        is_deterministic: True for a method that draws nothing.
+        answers: One a seed, a single one where the method draws nothing, and none where it failed.
+        failure: Why there is no answer.
+        errors: Those of the median seed on the identification record, then on each validation
+            record.
+        at_bound: Its parameters that are at an end of the box.
+        refined: What Levenberg-Marquardt makes of it.
+        optimality_gap: Its RMSE over the global optimum's, minus one.
+        problem: What was identified; None of a stored row.
+        evaluations: What `errors` are of; none likewise.
+    """
+
+    model: str
+    method: str
+    source: str
+    is_deterministic: bool
+    answers: tuple[Answer, ...] = ()
+    failure: str | None = None
+    errors: tuple[RecordErrors, ...] = ()
+    at_bound: tuple[AtBound, ...] = ()
+    refined: RefinedSeed | None = None
+    optimality_gap: float | None = None
+    problem: Unstored[Any] = None
+    evaluations: Unstored[tuple[Evaluation, ...]] = ()
+
+    @property
+    def name(self) -> str:
+        return f"{self.method} {self.model}"
+
+    @property
+    def median(self) -> Answer:
+        """The seed whose RMSE is the median; of an even number, the better of the middle two."""
+        ranked = sorted(self.answers, key=lambda answer: answer.rmse_v)
+        return ranked[(len(ranked) - 1) // 2]
+
+    @property
+    def errors_v(self) -> Float[np.ndarray, "seeds"]:
+        """RMSE of every seed, in V, in the order of the seeds."""
+        return np.array([answer.rmse_v for answer in self.answers])
+
+    @property
+    def spread_v(self) -> tuple[float, float, float] | None:
+        """The best and the worst RMSE of the seeds and their standard deviation, in V; None of a
+        method that draws nothing. A seed that failed altogether is infinitely far away."""
+        if self.is_deterministic:
+            return None
+        errors_v = self.errors_v
+        deviation_v = 0.0 if len(errors_v) == 1 else math.inf
+        if len(errors_v) > 1 and np.isfinite(errors_v).all():
+            deviation_v = float(np.std(errors_v, ddof=1))
+        return float(errors_v.min()), float(errors_v.max()), deviation_v
+
+
+@dataclass(frozen=True)
+class Difference:
+    """The error of one row minus another's, on one record, and whether it is more than chance.
+
+    `first` and `second` are row names. `over_time` resamples blocks of samples; `over_seeds`
+    pairs the seeds on the identification record, and is None elsewhere and where neither row
+    draws anything.
+    """
+
+    first: str
+    second: str
+    record: str
+    is_validation: bool
+    over_time: Resampled
+    over_seeds: SeedPairs | None
 
 
 class ModelPart(Part):
@@ -89,115 +174,3 @@ class ComparisonResult(Document):
 
     what: ClassVar[str] = "barnax comparison"
     remedy: ClassVar[str] = "give the comparison.json that barnax compare wrote"
-
-
-def make_comparison_result(
-    comparison: Comparison,
-    candidates: Sequence[Candidate] = (),
-    *,
-    ocv: Sequence[Record | OcvTable] = (),
-    warnings: Sequence[Notice] = (),
-) -> ComparisonResult:
-    """A comparison as a `ComparisonResult`, which can be stored.
-
-    Args:
-        comparison: A comparison from `compare`.
-        candidates: The circuit that held-out blocks choose, and a constant one.
-        ocv: The OCV tests of the cell.
-        warnings: Those of the inputs.
-    """
-    problems = {row.model: row.problem for row in comparison.rows}
-    first = next(iter(problems.values()))
-    inputs = [InputPart.of("identification", first.prepared.record)]
-    if comparison.answered:
-        own, *others = comparison.answered[0].evaluations
-        inputs = [InputPart.simulated("identification", own)]
-        inputs += [InputPart.simulated("validation", record) for record in others]
-    inputs += [InputPart.of("ocv", test) for test in ocv]
-    told = [warning for test in ocv for warning in test.warnings] + list(warnings)
-    told += [warning for problem in problems.values() for warning in problem.warnings]
-    for tried in (evaluation for row in comparison.rows for evaluation in row.evaluations):
-        told += [*tried.prepared.record.warnings, *tried.prepared.warnings]
-    return ComparisonResult(
-        rows=comparison.rows,
-        differences=comparison.differences,
-        candidates=tuple(candidates),
-        models={
-            model: ModelPart(
-                bounds=dict(problem.bounds.ranges),
-                fixed=dict(problem.bounds.fixed),
-                optimum=comparison.optima.get(model),
-            )
-            for model, problem in problems.items()
-        },
-        budget=comparison.budget,
-        coordinates=first.scale,
-        objective=first.kind,
-        cell=first.cell,
-        inputs=tuple(inputs),
-        warnings=tuple(dict.fromkeys(told)),
-        versions=all_versions(),
-    )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class ComparisonJob(Job):
-    """A job whose circuits and methods are `rows`."""
-
-    rows: Sequence[tuple[str, str]] = PAPER_ROWS
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name in self.chosen.keys() & _OF_ONE:
-            raise InputError(f"`{name}` is of one circuit; a comparison has `models` and `methods`")
-
-
-@takes_options(ComparisonJob)
-def compare_files(job: ComparisonJob) -> tuple[Comparison, ComparisonResult]:
-    """Models and methods compared on one record, as objects and as a result that can be stored.
-
-    All other options are those of `identify`, but for what is of one circuit: `model`, `method`,
-    `trust`, `cell` and all of tables.
-
-    Args:
-        records: The file, `Record` or data frame to identify on. None: the bundled cell.
-        ocv: The OCV test of the same cell.
-        validate: Files, records or data frames to validate on.
-        rows: Pairs of a circuit and a method of `METHODS`, by default those of the paper.
-        setup: "li2023" for the OCV polynomial of Li et al. (2023), whose rows are the default.
-        watch: Called for every row, as in `compare`.
-
-    Raises `InputError` if an input cannot be used, or more than one record is given.
-    """
-    records, watch = listed(job.records), job.watch
-    if len(records) > 1:
-        raise InputError(
-            f"a comparison uses one record, but {len(records)} were given; give the others with "
-            "`validate`"
-        )
-    inputs = read_inputs(job)
-    windows = windows_of(inputs, job.window, job.capacity)
-    source, ranges = ranges_of(job.bounds)
-    comparison = compare(
-        inputs.records[0],
-        inputs.cell,
-        job.rows,
-        validation=inputs.validation,
-        window=windows[inputs.records[0].name],
-        validation_windows=[windows[record.name] for record in inputs.validation],
-        bounds=ranges,
-        fixed=job.fix,
-        coordinates=job.coordinates,
-        objective="scan" if job.objective == "auto" else job.objective,
-        budget=Budget(job.population, job.iterations, job.seeds, job.key),
-        source=source,
-        watch=watch,
-    )
-    with watch("Circuits", 0):
-        alone = Job(seeds=0, bounds=job.bounds, fix=job.fix, tables=job.table_settings)
-        setup = set_up(settled(problem_of(inputs, windows, alone)), inputs, windows, alone)
-        usual = search_and_assess(setup, None, alone, "none", unwatched)
-    result = make_comparison_result(
-        comparison, usual.candidates, ocv=inputs.ocv, warnings=inputs.warnings
-    )
-    return comparison, result

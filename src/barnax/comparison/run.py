@@ -1,162 +1,38 @@
-"""Models and methods side by side on one cell: what each row of a comparison is."""
+"""Models and methods side by side on one cell: run, and compared with each other."""
 
 import itertools
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Self
 
 import numpy as np
-from jaxtyping import Float
 
-from ..baselines import METHODS, Answer, Budget, MethodFailure
+from ..baselines import METHODS, Budget, MethodFailure
 from ..baselines.regression import outside_box
 from ..cell import CellModel
-from ..display import Brief
 from ..errors import InputError
 from ..execution import Watch, in_float64, unwatched
 from ..global_optimum.search import (
-    GlobalOptimum,
     optimality_gap,
     with_better_directions,
     without_sweep_drop,
 )
-from ..identification import optimum_or_none
+from ..identification import optimum_or_none, search_and_assess
+from ..inputs import listed, read_inputs, windows_of
+from ..job import Job, takes_options
 from ..model.coordinates import Scale
 from ..model.prepared import PreparedRecord, prepare_record
 from ..model.problem import Kind, Problem, known_to, make_problem
-from ..model.search_space import Range
+from ..model.search_space import Range, ranges_of
 from ..model.window import Window
 from ..records import Record
-from ..result_parts import MetricsPart
-from ..schema import Unstored
-from ..search.evaluate import Evaluation, evaluate, evaluate_from_either
-from ..search.refine import FINAL_ROUNDS, FINAL_TOLERANCE, AtBound, Descent, RefinedSeed, at_bound
-from .statistics import (
-    BandError,
-    Resampled,
-    SeedPairs,
-    compare_over_seeds,
-    compare_over_time,
-    errors_by_soc,
-)
-
-
-@dataclass(frozen=True)
-class RecordErrors:
-    """Errors of a row's own answer on one record, in all and by SOC."""
-
-    metrics: MetricsPart
-    bands: tuple[BandError, ...]
-
-    @classmethod
-    def of(cls, evaluation: Evaluation) -> Self:
-        """The errors of an evaluation."""
-        prepared = evaluation.prepared
-        bands = errors_by_soc(evaluation.error_v, prepared.soc, prepared.scored)
-        return cls(MetricsPart.of(evaluation), bands)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Row(Brief):
-    """One method on one model. Everything but `refined` is of the method's own answers.
-
-    Attributes:
-        model: Name of the circuit.
-        method: One of `METHODS`.
-        source: Where the method comes from.
-        is_deterministic: True for a method that draws nothing.
-        answers: One a seed, a single one where the method draws nothing, and none where it failed.
-        failure: Why there is no answer.
-        errors: Those of the median seed on the identification record, then on each validation
-            record.
-        at_bound: Its parameters that are at an end of the box.
-        refined: What Levenberg-Marquardt makes of it.
-        optimality_gap: Its RMSE over the global optimum's, minus one.
-        problem: What was identified; None of a stored row.
-        evaluations: What `errors` are of; none likewise.
-    """
-
-    model: str
-    method: str
-    source: str
-    is_deterministic: bool
-    answers: tuple[Answer, ...] = ()
-    failure: str | None = None
-    errors: tuple[RecordErrors, ...] = ()
-    at_bound: tuple[AtBound, ...] = ()
-    refined: RefinedSeed | None = None
-    optimality_gap: float | None = None
-    problem: Unstored[Any] = None
-    evaluations: Unstored[tuple[Evaluation, ...]] = ()
-
-    @property
-    def name(self) -> str:
-        return f"{self.method} {self.model}"
-
-    @property
-    def median(self) -> Answer:
-        """The seed whose RMSE is the median; of an even number, the better of the middle two."""
-        ranked = sorted(self.answers, key=lambda answer: answer.rmse_v)
-        return ranked[(len(ranked) - 1) // 2]
-
-    @property
-    def errors_v(self) -> Float[np.ndarray, "seeds"]:
-        """RMSE of every seed, in V, in the order of the seeds."""
-        return np.array([answer.rmse_v for answer in self.answers])
-
-    @property
-    def spread_v(self) -> tuple[float, float, float] | None:
-        """The best and the worst RMSE of the seeds and their standard deviation, in V; None of a
-        method that draws nothing. A seed that failed altogether is infinitely far away."""
-        if self.is_deterministic:
-            return None
-        errors_v = self.errors_v
-        deviation_v = 0.0 if len(errors_v) == 1 else math.inf
-        if len(errors_v) > 1 and np.isfinite(errors_v).all():
-            deviation_v = float(np.std(errors_v, ddof=1))
-        return float(errors_v.min()), float(errors_v.max()), deviation_v
-
-
-@dataclass(frozen=True)
-class Difference:
-    """The error of one row minus another's, on one record, and whether it is more than chance.
-
-    `first` and `second` are row names. `over_time` resamples blocks of samples; `over_seeds`
-    pairs the seeds on the identification record, and is None elsewhere and where neither row
-    draws anything.
-    """
-
-    first: str
-    second: str
-    record: str
-    is_validation: bool
-    over_time: Resampled
-    over_seeds: SeedPairs | None
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Comparison(Brief):
-    """All rows of a comparison, in the given order, and the differences between them.
-
-    Attributes:
-        rows: One method on one model each.
-        budget: What every method could spend.
-        differences: Differences between rows, and their significance.
-        optima: Global optima by model; a model whose box is too wide has none.
-    """
-
-    rows: tuple[Row, ...]
-    budget: Budget
-    differences: tuple[Difference, ...]
-    optima: Mapping[str, GlobalOptimum]
-
-    @property
-    def answered(self) -> tuple[Row, ...]:
-        """The rows that have an answer."""
-        return tuple(row for row in self.rows if row.failure is None)
-
+from ..result_parts import InputPart, all_versions
+from ..run_setup import problem_of, set_up, settled
+from ..search.evaluate import evaluate, evaluate_from_either
+from ..search.refine import FINAL_ROUNDS, FINAL_TOLERANCE, Descent, at_bound
+from ..settings import TableOptions
+from .result import ComparisonResult, Difference, ModelPart, RecordErrors, Row
+from .statistics import compare_over_seeds, compare_over_time
 
 # The rows of Li et al. (2023), Tables 3 to 5: model and method.
 PAPER_ROWS = (
@@ -185,7 +61,7 @@ def compare(
     budget: Budget | None = None,
     source: str = "bounds",
     watch: Watch = unwatched,
-) -> Comparison:
+) -> ComparisonResult:
     """Several circuits and methods compared on the same data, box, budget and key.
 
     A method that fails has a row that says why.
@@ -257,7 +133,32 @@ def compare(
         if row.failure is None and row.model in optima:
             gap = optimality_gap(row.median.rmse_v, optima[row.model].rmse_v)
             refined[place] = replace(row, optimality_gap=gap)
-    return Comparison(tuple(refined), budget, differences, optima)
+    evaluated = next((row.evaluations for row in refined if row.failure is None), ())
+    first = problems[models[0]]
+    roles = ["identification", *["validation"] * len(validation)]
+    inputs = [InputPart.simulated(role, own) for role, own in zip(roles, evaluated, strict=False)]
+    told = [warning for problem in problems.values() for warning in problem.warnings]
+    for tried in (evaluation for row in refined for evaluation in row.evaluations):
+        told += [*tried.prepared.record.warnings, *tried.prepared.warnings]
+    return ComparisonResult(
+        rows=tuple(refined),
+        differences=differences,
+        models={
+            model: ModelPart(
+                bounds=dict(problem.bounds.ranges),
+                fixed=dict(problem.bounds.fixed),
+                optimum=optima.get(model),
+            )
+            for model, problem in problems.items()
+        },
+        budget=budget,
+        coordinates=first.scale,
+        objective=first.kind,
+        cell=first.cell,
+        inputs=tuple(inputs or [InputPart.of("identification", first.prepared.record)]),
+        warnings=tuple(dict.fromkeys(told)),
+        versions=all_versions(),
+    )
 
 
 @in_float64
@@ -327,3 +228,71 @@ def _differences(rows: Sequence[Row], key: int) -> tuple[Difference, ...]:
                 )
             )
     return tuple(found)
+
+
+# Options of one circuit, or of its tables.
+_OF_ONE = {*vars(TableOptions()), *("model", "method", "over", "trust", "cell", "tables")}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class ComparisonJob(Job):
+    """A job whose circuits and methods are `rows`."""
+
+    rows: Sequence[tuple[str, str]] = PAPER_ROWS
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in self.chosen.keys() & _OF_ONE:
+            raise InputError(f"`{name}` is of one circuit; a comparison has `models` and `methods`")
+
+
+@takes_options(ComparisonJob)
+def compare_files(job: ComparisonJob) -> ComparisonResult:
+    """Models and methods compared on one record, as `compare` does, after the usual circuits.
+
+    All other options are those of `identify`, but for what is of one circuit: `model`, `method`,
+    `trust`, `cell` and all of tables.
+
+    Args:
+        records: The file, `Record` or data frame to identify on. None: the bundled cell.
+        ocv: The OCV test of the same cell.
+        validate: Files, records or data frames to validate on.
+        rows: Pairs of a circuit and a method of `METHODS`, by default those of the paper.
+        setup: "li2023" for the OCV polynomial of Li et al. (2023), whose rows are the default.
+        watch: Called for every row, as in `compare`.
+
+    Raises `InputError` if an input cannot be used, or more than one record is given.
+    """
+    records, watch = listed(job.records), job.watch
+    if len(records) > 1:
+        raise InputError(
+            f"a comparison uses one record, but {len(records)} were given; give the others with "
+            "`validate`"
+        )
+    inputs = read_inputs(job)
+    windows = windows_of(inputs, job.window, job.capacity)
+    source, ranges = ranges_of(job.bounds)
+    compared = compare(
+        inputs.records[0],
+        inputs.cell,
+        job.rows,
+        validation=inputs.validation,
+        window=windows[inputs.records[0].name],
+        validation_windows=[windows[record.name] for record in inputs.validation],
+        bounds=ranges,
+        fixed=job.fix,
+        coordinates=job.coordinates,
+        objective="scan" if job.objective == "auto" else job.objective,
+        budget=Budget(job.population, job.iterations, job.seeds, job.key),
+        source=source,
+        watch=watch,
+    )
+    with watch("Circuits", 0):
+        alone = Job(seeds=0, bounds=job.bounds, fix=job.fix, tables=job.table_settings)
+        setup = set_up(settled(problem_of(inputs, windows, alone)), inputs, windows, alone)
+        usual = search_and_assess(setup, None, alone, "none", unwatched)
+    tests = [InputPart.of("ocv", test) for test in inputs.ocv]
+    told = [warning for test in inputs.ocv for warning in test.warnings]
+    told += [*inputs.warnings, *compared.warnings]
+    parts = {"candidates": usual.candidates, "inputs": (*compared.inputs, *tests)}
+    return compared.model_copy(update={**parts, "warnings": tuple(dict.fromkeys(told))})

@@ -25,7 +25,7 @@ from .words import NOTHING, bound_words, fixed, gathered, millivolts_cell, signi
 
 if TYPE_CHECKING:
     from ..comparison import ComparisonResult
-    from ..comparison.run import Difference, RecordErrors, Row
+    from ..comparison.result import Difference, RecordErrors, Row
     from ..results import Result
 
 # With more pairs than this, only those with the leader or of one method are shown.

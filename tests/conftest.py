@@ -8,8 +8,11 @@ import gc
 import os
 import shutil
 import tempfile
+from collections.abc import Generator
+from pathlib import Path
 
 import pytest
+from xdist.remote import Producer
 from xdist.scheduler import LoadScopeScheduling
 
 from helpers.compiling import QUICK_FLAGS
@@ -41,16 +44,29 @@ class Files(LoadScopeScheduling):
         return next((name for path, name in TOGETHER.items() if file.startswith(path)), file)
 
 
-def pytest_xdist_make_scheduler(config: pytest.Config) -> Files:
-    return Files(config)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> Files:
+    return Files(config, log)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(
+    collector: pytest.Collector,
+) -> Generator[None, pytest.CollectReport, pytest.CollectReport]:
+    """Every second process begins with the last folder: what one has compiled when they meet, the
+    other reads."""
+    report = yield
+    worker = os.environ.get("PYTEST_XDIST_WORKER", "gw0")
+    if isinstance(collector, pytest.Directory) and int(worker.removeprefix("gw")) % 2:
+        report.result.reverse()
+    return report
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    def place(item: pytest.Item) -> int:
+    def rank(item: pytest.Item) -> tuple[int, Path]:
         starts = [item.nodeid.startswith(path) for path in FIRST]
-        return starts.index(True) if any(starts) else len(FIRST)
+        return (starts.index(True) if any(starts) else len(FIRST)), item.path
 
-    items.sort(key=place)
+    items.sort(key=rank)
 
 
 def pytest_collection_finish() -> None:

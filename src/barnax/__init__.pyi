@@ -75,3 +75,4 @@ from .uncertainty import assess as assess
 from .uncertainty import examine as examine
 
 __version__: str
+LOADED_S: float

@@ -3,10 +3,13 @@
 import functools
 import os
 import threading
+import uuid
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
 from contextlib import AbstractContextManager, nullcontext
 from contextvars import ContextVar
+from dataclasses import dataclass
+from itertools import compress
 from typing import Any, ParamSpec, TypeVar
 
 import equinox as eqx
@@ -14,6 +17,7 @@ import jax
 import numpy as np
 from jax.experimental.xla_metadata import set_xla_metadata
 
+from . import programs
 from .blas import one_blas_thread
 
 P = ParamSpec("P")
@@ -75,9 +79,9 @@ def compile_for(function: Callable[..., Outcome], *arguments: Any) -> Callable[.
         lock = _making.setdefault(wanted, threading.Lock())
     with lock:
         if wanted not in _programs:
-            compiled = _compile(function, arguments)
+            program = _program(function, arguments)
             with _guard:
-                _programs[wanted] = compiled
+                _programs[wanted] = program
                 while len(_programs) > PROGRAMS_KEPT:
                     oldest = next(iter(_programs))
                     del _programs[oldest]
@@ -85,11 +89,49 @@ def compile_for(function: Callable[..., Outcome], *arguments: Any) -> Callable[.
         return _programs[wanted]
 
 
-def _compile(function: Callable[..., Outcome], arguments: Sequence[Any]) -> Callable[..., Outcome]:
-    def compiled() -> Callable[..., Outcome]:
+@dataclass(frozen=True)
+class _Program:
+    """A function that is compiled, and which leaves of its arguments are arrays."""
+
+    compiled: Any
+    is_array: Sequence[bool]
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self.compiled([*compress(jax.tree.leaves(arguments), self.is_array)])
+
+
+def _program(function: Callable[..., Any], arguments: Sequence[Any]) -> _Program:
+    """The function as its kept program, or else compiled, and kept."""
+    leaves, structure = jax.tree.flatten(arguments)
+    is_array = [eqx.is_array(leaf) for leaf in leaves]
+    path = programs.path_of(function, arguments)
+    compiled = None if path is None else programs.load(path)
+    if compiled is not None:
+        return _Program(compiled, is_array)
+    arrays = [*compress(leaves, is_array)]
+    # Without the arrays: a program outlives its first arguments.
+    others = [None if is_array else leaf for leaf, is_array in zip(leaves, is_array, strict=True)]
+
+    def of_arrays(arrays: Sequence[Any]) -> Any:
+        left = iter(arrays)
+        pairs = zip(others, is_array, strict=True)
+        filled = [next(left) if is_array else other for other, is_array in pairs]
+        return function(*jax.tree.unflatten(structure, filled))
+
+    of_arrays.__name__ = programs.name_of(function)
+    if path is not None:
+        # JAX cannot write what it has read from its own cache, so that must not know this one.
+        of_arrays.__name__ += f"_{uuid.uuid4().hex}"
+    compiled = _compile(of_arrays, arrays)
+    if path is not None:
+        programs.keep(compiled, path)
+    return _Program(compiled, is_array)
+
+
+def _compile(of_arrays: Callable[..., Any], arrays: Sequence[Any]) -> Any:
+    def compiled() -> Any:
         # A new function each time: JAX remembers what it traced of one that it knows.
-        jitted: Any = eqx.filter_jit(functools.partial(function))
-        return jitted.lower(*arguments).compile()
+        return jax.jit(functools.partial(of_arrays)).lower(arrays).compile()
 
     if jax.default_backend() != "cpu":
         return compiled()

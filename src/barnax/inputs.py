@@ -94,6 +94,7 @@ def read_inputs(
             (role, source.logged_by(loggers), sampled(taken, loggers))
             for role, source, taken in looked_at
         ]
+        _require_voltages([*dynamic, *further])
         _require_different([*dynamic, *further])
         # A table has no samples of its own.
         _require_different([test for test in ocv_records if isinstance(test, Record)])
@@ -217,6 +218,7 @@ def read_validation(
         return given, []
     source = source_of(given, {}, reading)
     record = read_record(source, **how_read(reading, source.name, "validation"))
+    _require_voltages([record])
     looked_at = [("validation", source, record)]
     return record, _checked(looked_at, cell, None, choose(record), reading, identified)
 
@@ -352,6 +354,13 @@ def _shortest_own_name(path: Path, others: set[Path]) -> str:
         if all(other.absolute().parts[-count:] != parts[-count:] for other in others):
             return "/".join(parts[-count:])
     return path.name
+
+
+def _require_voltages(records: Sequence[Record]) -> None:
+    """Raise `InputError` for a record of one and the same voltage, which reading warns of."""
+    for record in records:
+        doubts = (one for one in record.warnings if one.code == "voltage-unit.constant")
+        raise_first_error((doubt.rated("error") for doubt in doubts), record.name)
 
 
 def _require_different(records: Sequence[Record]) -> None:

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from barnax.bundled import BUNDLED
@@ -45,6 +46,11 @@ def test_a_wrong_unit_is_named_by_the_voltage_that_its_charge_should_move(
         assert meaning in told.what
         # A mistake of unit is none of capacity.
         assert ("capacity_ah" in told.values) == ("held" in meaning)
+
+
+def test_no_unit_is_blamed_for_a_voltage_that_never_moves(bundled_record, bundled_cell):
+    dead = replace(bundled_record, voltage_v=np.full(bundled_record.samples, 3.7))
+    assert compare_with_cell(dead, bundled_cell) == []
 
 
 @pytest.mark.parametrize("factor", [1.3, 0.75])

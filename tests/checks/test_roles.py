@@ -14,6 +14,16 @@ def roles(outcome):
     return {role.name: role for role in outcome.roles}
 
 
+def test_a_voltage_that_never_moves_is_named_and_not_the_current(tmp_path):
+    table = frame("identification").with_columns(pl.lit(3.7).alias(VOLTAGE))
+    outcome = checked(tmp_path, table)
+    found = roles(outcome)
+    for role in ("identification", "validation"):
+        assert (found[role].is_usable, found[role].reason) == (False, "every voltage is 3.7 V")
+        assert found[role].half_width is None
+    assert outcome.traits.kind(2.0) == outcome.traits.kind(None) == "no test"
+
+
 @pytest.mark.parametrize("name", ["identification", "validation"])
 def test_a_drive_record_serves_to_identify_and_to_validate(name):
     found = roles(check_file(bundled_file(name)))

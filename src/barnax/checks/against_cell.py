@@ -97,7 +97,8 @@ def compare_with_cell(
     capacity_ah = capacity_ah or cell.capacity_ah
     apart_v = follow(record, cell, capacity_ah)
     own_v = apart_v(1.0)
-    if own_v <= _APART_V:
+    # A voltage that never moves is of no cell, whatever its charge.
+    if own_v <= _APART_V or not np.ptp(record.voltage_v):
         return []
     factor = min((*_UNITS, *_CAPACITIES), key=apart_v)
     best_v = apart_v(factor)

@@ -186,6 +186,7 @@ class Traits:
     longest_discharge_ah: float = 0.0
     interval_s: float = math.inf
     steep_v: float = 0.0
+    constant_v: float | None = None
     temperature_degc: float | None = None
 
     @property
@@ -203,7 +204,8 @@ class Traits:
         if not self.missing_for(capacity_ah):
             return "drive cycle"
         whole_ah = capacity_ah or self.span_ah
-        if self.steep_v or self.span_ah < LEAST_SHARE * whole_ah:
+        is_dead = self.steep_v or self.constant_v is not None
+        if is_dead or self.span_ah < LEAST_SHARE * whole_ah:
             return "no test"
         if self.longest_discharge_ah > _MOST * whole_ah:
             return "capacity test"
@@ -218,6 +220,8 @@ class Traits:
 
     def missing_for(self, capacity_ah: float | None, is_validated: bool = False) -> str:
         """The reason why no circuit can be identified, or validated, on it; empty if one can."""
+        if self.constant_v is not None:
+            return f"every voltage is {self.constant_v:.6g} V"
         if self.is_slow and self.half_width_at_steps <= MAX_HALF_WIDTH:
             steps = counted(self.steps, "current step")
             return f"it holds a slow sweep beside {steps}; give the part with the steps by itself"
@@ -281,6 +285,7 @@ def traits_of(given: CheckInput) -> Traits:
         longest_discharge_ah=float(out_ah.max()),
         interval_s=float(np.median(loaded_s)) if len(loaded_s) else np.inf,
         steep_v=travel_v if answered >= _FEWEST_ANSWERS and 0 < bulk_s < STEEP_S else 0.0,
+        constant_v=None if np.ptp(record.voltage_v) else float(record.voltage_v[0]),
         temperature_degc=degc,
     )
 

@@ -2,10 +2,11 @@
 
 Run with `python -m benchmarks.choice [FOLDER OF MEASURED CELLS] [--most N]`. Writes
 benchmarks/results/choice.md. Of every cell and temperature, each set of one record (with `--most 2`
-of two too) is fitted; its regret is the error of the chosen circuit over the least error of all
-circuits of the family (1, 5, 9 and 17 nodes, one to three RC pairs) on all other records. The error
-is the geometric mean of the RMSE over whole records and that above 10 % SOC. Every record starts
-where its window says; `identify` registers several records by each other, which this does not.
+of two too, and so on) is identified as `barnax identify` does it, with the sampling of its current
+and the starts of several records by each other. The regret is the error of the answer over the
+least error of all circuits of the family (1, 5, 9 and 17 nodes, one to three RC pairs, without a
+law), each with its own starts, on all other records. The error is the geometric mean of the RMSE
+over whole records and that above 10 % SOC.
 """
 
 import argparse
@@ -19,12 +20,15 @@ import numpy as np
 import barnax
 from barnax.blas import one_blas_thread
 from barnax.bundled import BUNDLED
-from barnax.cell import characterize
 from barnax.execution import in_float64
+from barnax.inputs import read_inputs
+from barnax.job import Job
 from barnax.model.prepared import PreparedRecord, Window, prepare_record
 from barnax.model.reference import errors_along
 from barnax.over_soc.fit import visited_soc
-from barnax.over_soc.settings import TableSettings
+from barnax.pipeline import with_ocv_test
+from barnax.records.hold import sampled_as
+from barnax.run_setup import bounded_tables, own_ocv_of, with_registered_starts
 from barnax.select.choose import Bench, Fitted
 from barnax.select.family import NODE_LADDER, Point, limits_of
 from benchmarks.pages import as_markdown, provenance, publish
@@ -33,12 +37,7 @@ from benchmarks.real_cells.cases import given_folder
 RESULTS = Path(__file__).parent / "results" / "choice.md"
 PROFILE = Window(start_after_step=3, initial_soc=1.0, score_steps=(7, 8), capacity_ah=2.0)
 CIRCUITS = ("1rc", "so-rc", "3rc")
-REMARK = (
-    "Records are taken to start where they are said to. `identify` registers the starts of several "
-    "records by each other, which these figures for two leave out."
-)
 PERCENTILES = (50, 90, 95, 100)
-SETTINGS = TableSettings(resistances_follow="none")
 
 
 @dataclass(frozen=True)
@@ -87,39 +86,46 @@ def cells(folder: Path) -> Iterator[Cell]:
 
 def rows_of(cell: Cell, most: int) -> Iterator[Row]:
     """Every training set of a cell, of so many records at most, in order."""
-    tested = characterize([barnax.read_record(path) for path in cell.tests])
-    read = [(barnax.read_record(path), window) for path, window in cell.records]
-    prepared = [prepare_record(record, tested, "so-rc", window) for record, window in read]
-    places = range(len(prepared))
-    for count in range(1, min(most, len(prepared) - 1) + 1):
-        for used in itertools.combinations(places, count):
-            others = [prepared[place] for place in places if place not in used]
-            yield row_of(cell.name, [prepared[place] for place in used], others)
+    indices = range(len(cell.records))
+    for count in range(1, min(most, len(indices) - 1) + 1):
+        for used in itertools.combinations(indices, count):
+            yield row_of(cell, used, [index for index in indices if index not in used])
 
 
 @in_float64
-def row_of(name: str, used: Sequence[PreparedRecord], others: Sequence[PreparedRecord]) -> Row:
-    """The regret of the circuit that is chosen on some records."""
+def row_of(cell: Cell, used: Sequence[int], others: Sequence[int]) -> Row:
+    """The regret of the answer on some of the records of a cell."""
+    paths = [cell.records[index][0] for index in used]
+    windows = {path.name: window for path, window in (cell.records[index] for index in used)}
+    job = Job(records=paths, ocv=cell.tests, window=windows)
+    inputs, windows, first = with_ocv_test(job, read_inputs(job, own_ocv_of))
+    tables, tested = bounded_tables(job), first.cell
 
     def prepare(circuit: str) -> list[PreparedRecord]:
-        return [prepare_record(own.record, own.cell, circuit, own.window) for own in used]
+        named = [(own.record, windows[own.record.name]) for own in first.prepared_records]
+        return [prepare_record(record, tested, circuit, window) for record, window in named]
 
-    limits = limits_of(used[0].cell, SETTINGS)
-    bench = Bench(prepare, SETTINGS, limits)
+    unused = []
+    for path, window in (cell.records[index] for index in others):
+        record = sampled_as(barnax.read_record(path), inputs.records)
+        unused.append(prepare_record(record, tested, CIRCUITS[1], window))
+    bench = Bench(prepare, tables, limits_of(tested, tables))
     with one_blas_thread():
-        chosen = bench.chosen().chosen
+        answer = with_registered_starts(bench.chosen().chosen, tables)
         family = [
-            bench.fit(Point(circuit, nodes))
+            with_registered_starts(bench.fit(Point(circuit, nodes)), tables)
             for circuit, nodes in itertools.product(CIRCUITS, NODE_LADDER)
         ]
-    best_v, best = min((error_v(fitted, others), named(fitted)) for fitted in family)
-    records = tuple(own.record.name for own in used)
-    return Row(name, records, named(chosen), error_v(chosen, others), best, best_v)
+    best_v, best = min((error_v(fitted, unused), named(fitted)) for fitted in family)
+    records = tuple(path.name for path in paths)
+    return Row(cell.name, records, named(answer), error_v(answer, unused), best, best_v)
 
 
 def named(fitted: Fitted) -> str:
     """A circuit of the family in words."""
-    return f"{fitted.point.circuit}, {len(fitted.point.nodes)} nodes"
+    nodes = len(fitted.point.nodes)
+    law = f", {' and '.join(fitted.point.law.numbers)}" if fitted.point.law else ""
+    return f"{fitted.point.circuit}, {nodes} node{'s' * (nodes > 1)}{law}"
 
 
 def error_v(fitted: Fitted, others: Sequence[PreparedRecord]) -> float:
@@ -153,8 +159,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "",
         *summary(rows),
         "",
-        REMARK,
-        "",
     ]
     lines += ["| cell | fitted to | chosen | mV | best in hindsight | mV | regret |"]
     lines += ["|---|---|---|--:|---|--:|--:|"]
@@ -176,8 +180,8 @@ def summary(rows: Sequence[Row]) -> list[str]:
     ]
     for count in sorted({len(row.records) for row in rows}):
         regrets = [100 * row.regret for row in rows if len(row.records) == count]
-        told = " | ".join(f"{np.percentile(regrets, own):.1f} %" for own in PERCENTILES)
-        lines.append(f"| {count} | {len(regrets)} | {told} |")
+        shares = " | ".join(f"{np.percentile(regrets, share):.1f} %" for share in PERCENTILES)
+        lines.append(f"| {count} | {len(regrets)} | {shares} |")
     return lines
 
 

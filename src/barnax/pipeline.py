@@ -88,7 +88,7 @@ def _identified(job: Job, of_plan: Sequence[Notice] = ()) -> Result:
     of_ocv = () if inputs.fitted_ocv is None else inputs.fitted_ocv.warnings
     inputs = replace(inputs, warnings=(*of_plan, *inputs.warnings, *of_ocv))
     with telling(inputs.warnings), job.watch("Choosing the circuit", 0):
-        prepare = _with_ocv_test if inputs.fitted_ocv is None else _with_fitted_ocv
+        prepare = with_ocv_test if inputs.fitted_ocv is None else _with_fitted_ocv
         inputs, windows, first = prepare(job, inputs)
         setup = set_up(first, inputs, windows, job)
         if job.over == OVER_TEMPERATURE:
@@ -104,7 +104,7 @@ def _identified(job: Job, of_plan: Sequence[Notice] = ()) -> Result:
     )
 
 
-def _with_ocv_test(job: Job, inputs: Inputs) -> tuple[Inputs, dict[str, Window], Problem]:
+def with_ocv_test(job: Job, inputs: Inputs) -> tuple[Inputs, dict[str, Window], Problem]:
     """The inputs, windows and constant problem of records with an OCV test, which tells starts and
     capacities; where it does not, the voltages with the circuit do."""
     windows = windows_of(inputs, job.window, job.capacity)

@@ -184,7 +184,7 @@ def set_up(first: Problem, inputs: Inputs, windows: Mapping[str, Window], job: J
         return with_better_directions(made).prepared_records
 
     choice = choose(prepare, tables, limits)
-    chosen = _registered(choice.chosen, tables)
+    chosen = with_registered_starts(choice.chosen, tables)
     problem, point = first, chosen.point
     registered = chosen.objective.prepared_records
     if point.is_constant and point.circuit != first.circuit:
@@ -207,7 +207,7 @@ def _on_windows(problem: Problem, registered: Sequence[PreparedRecord]) -> Probl
 
 
 @in_float64
-def _registered(chosen: Fitted, tables: TableSettings) -> Fitted:
+def with_registered_starts(chosen: Fitted, tables: TableSettings) -> Fitted:
     """The chosen circuit with starts and capacities of several records registered by each other."""
     told = chosen.objective.prepared_records
     if len(told) < 2 or tables.keep_starts or not tables.ocv_correction:

@@ -1,7 +1,7 @@
 """The circuit of the family that the records support, found rung by rung from the simplest."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Literal, NamedTuple
@@ -24,7 +24,7 @@ from ..over_soc.problem import (
     reduced_objective,
 )
 from ..over_soc.settings import TableSettings
-from .family import Ladder, Limits, Point
+from .family import HYSTERESES, RUNGS, Ladder, Limits, Point
 from .policy import Gain, Policy
 
 
@@ -123,15 +123,14 @@ class Bench:
             return Choice(chosen, tuple(self.tried))
         laws = self._laws_to_try(chosen.point)
         while True:
-            richer = (
-                (ladder, self.fit(point))
-                for ladder, point in self.limits.rungs(chosen.point)
-                if ladder != "nodes" or self._spans_enough
-            )
+            # A hysteresis that was worth nothing beside a simpler circuit waits until nothing is.
+            worthless = {one.ladder for one in self.tried if one.outcome == "no gain"}
+            waiting = {ladder for ladder in HYSTERESES if ladder in worthless}
             step = (
-                self._best_of(chosen, richer)
+                self._best_of(chosen, self._richer(chosen.point, {*RUNGS} - waiting))
                 or self._best_of(chosen, self._finest_nodes(chosen))
                 or self._best_of(chosen, self._laws(chosen, laws))
+                or self._best_of(chosen, self._richer(chosen.point, waiting))
             )
             if step is None:
                 return Choice(self._without_needless(chosen), tuple(self.tried))
@@ -154,6 +153,12 @@ class Bench:
                 self.tried.append(_tried("without", simpler, gain))
                 return self._without_needless(simpler)
         return chosen
+
+    def _richer(self, point: Point, ladders: Collection[Ladder]) -> Iterator[tuple[Ladder, Fitted]]:
+        """The circuits that are one rung of these ladders away."""
+        for ladder, other in self.limits.rungs(point):
+            if ladder in ladders and (ladder != "nodes" or self._spans_enough):
+                yield ladder, self.fit(other)
 
     def _finest_nodes(self, chosen: Fitted) -> Iterator[tuple[Ladder, Fitted]]:
         """Those with the nodes behind those that gain something and too little."""

@@ -15,6 +15,9 @@ from ..over_soc.settings import TableSettings
 from ..settings import NODES
 
 Ladder = Literal["nodes", "pairs", "hysteresis", "switched", "law", "without"]
+# Those that have rungs of their own; laws are proposed by records.
+HYSTERESES: tuple[Ladder, ...] = ("hysteresis", "switched")
+RUNGS: tuple[Ladder, ...] = ("nodes", "pairs", *HYSTERESES)
 # Nodes of resistances, the finest last: each has every second node of the next.
 NODE_LADDER: tuple[tuple[float, ...], ...] = (ANYWHERE, NODES[::4], NODES[::2], NODES)
 # By circuit, those of one RC pair or a hysteresis more. The first is where the ladder starts; those

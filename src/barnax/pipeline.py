@@ -285,7 +285,9 @@ def _with_warnings(result: Result, problem: Problem, inputs: Inputs | None = Non
     records = [(one.prepared.record, one.prepared.temperature_degc) for one in identified]
     warnings += compare_resistances(records)
     for evaluation in identified:
-        warnings += step_warnings(evaluation)
+        fits, constant = result.tables, result.constant.parameters
+        parameters = constant if fits is None else fits.of(evaluation.prepared)
+        warnings += step_warnings(evaluation, parameters)
     for evaluation in result.without_tables().evaluations.validation:
         warnings += [*evaluation.prepared.record.warnings, *evaluation.prepared.warnings]
         warnings += rest_warnings(evaluation.prepared)

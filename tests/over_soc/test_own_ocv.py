@@ -9,7 +9,7 @@ import pytest
 
 import barnax
 from barnax.bundled import BUNDLED
-from barnax.cell import OcvPoint, OcvTable
+from barnax.cell import OcvPoint, OcvTable, characterize
 from barnax.cell.parameters import OCV
 from barnax.errors import InputError
 from barnax.export.tables import tables_of
@@ -101,6 +101,26 @@ def test_intervals_of_ocv_and_r0_hold_the_truth(known):
     assert max(each.high - each.low for each in nodes) < 3e-3
     r0 = [each for each in own.fit.of_table("R0 [Ohm]") if 0.23 < each.soc < 0.98]
     assert np.mean([each.low <= R0_OHM <= each.high for each in r0]) >= 0.9
+
+
+@pytest.mark.parametrize("half_v", [0.0, 0.05])
+def test_the_ocv_of_a_nearly_empty_cell_that_no_circuit_follows_is_not_determined(half_v):
+    """An overvoltage that grows with the square of the current ends in the OCV, where only loads
+    visit; without it the OCV's intervals hold the truth as far as samples go."""
+    record, soc = made(hours=3.1)
+    over_v = half_v * record.current_a * np.abs(record.current_a) * np.exp(-soc / 0.03)
+    record = replace(record, voltage_v=record.voltage_v - over_v)
+    settings = replace(QUICK, nodes=(0.0, 0.05, *FEW_NODES))
+    own = fit_with_ocv([record], "so-rc", {record.name: FROM_FULL}, settings)
+    low = [node for node in own.fit.of_table(OCV) if node.soc < 0.1]
+    assert len(low) == 4
+    if half_v:
+        assert {node.low for node in low} == {None}
+    else:
+        assert np.mean([node.low <= ocv_v(node.soc) <= node.high for node in low]) >= 0.75
+    above = [node for node in own.fit.of_table(OCV) if 0.1 <= node.soc < 0.98]
+    assert np.mean([node.low <= ocv_v(node.soc) <= node.high for node in above]) >= 0.9
+    assert all(node.low is not None for node in own.fit.of_table("R0 [Ohm]"))
 
 
 def test_resistances_of_a_pair_that_ends_at_the_slowest_are_not_determined():
@@ -543,6 +563,25 @@ def test_one_node_beside_an_ocv_test_is_the_constant_circuit():
     assert len(result.fit.tables.nodes) == 1
     (told,) = [warning for warning in result.warnings if warning.code == "answer.at-bound"]
     assert (told.values["name"], told.values["side"]) == ("tau2 [s]", "upper")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["dst_25degC_80soc", "dst_45degC_80soc", "us06_25degC_80soc"])
+def test_no_interval_of_an_own_ocv_excludes_the_rests_of_a_test(real_data, name):
+    """Of another specimen, whose full charge differs by a percent of the SOC."""
+    folder = real_data / CALCE
+    result = barnax.identify(folder / f"{name}_SP20-2.parquet", **ANOTHER, **FAST)
+    cell = characterize([read_record(real_data / f"{TESTED}.parquet")])
+    scale = 2.0 / cell.capacity_ah
+    for node in result.fit.of_table(OCV):
+        if node.low is None or node.high is None or node.soc > 0.5:
+            continue
+        soc = 1 - (1 - np.array([node.soc - 0.01, node.soc + 0.01])) * scale
+        half_v = np.array([-0.5, 0.5]) * cell.branch_gap_v(soc)
+        low_v, high_v = cell.average_ocv_v(soc) + half_v
+        assert node.low <= high_v, node.soc
+        assert node.high >= low_v, node.soc
+    assert all(node.low is None for node in result.fit.of_table(OCV) if node.soc < 0.09)
 
 
 @pytest.mark.slow

@@ -1,5 +1,6 @@
 """Tables identified from prepared records, and all that is said of them."""
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -8,13 +9,15 @@ from typing import Literal
 import numpy as np
 
 from ..cell import CircuitParameters
-from ..cell.parameters import HALF_HYSTERESIS, OCV, RATE
+from ..cell.parameters import HALF_HYSTERESIS, OCV, OHMIC, RATE
+from ..cell.soc_axis import is_above
 from ..cell.tables import LEAST_OHM
 from ..display import Brief
 from ..execution import in_float64
 from ..global_optimum.proof import Proof
 from ..model.prepared import PreparedRecord
 from ..model.reference import error_blocks
+from ..model.steps import is_at_ocv, is_step
 from ..notices import Notice
 from ..schema import Told
 from ..search.refine import AtBound, near_ends
@@ -31,6 +34,8 @@ from .settings import TableSettings
 Status = Literal["certified", "grid-verified", "unverified"]
 # A table of which more nodes than this were not visited is mostly extrapolated.
 MOSTLY = 0.5
+# Where all samples leave so much more than those above 10 % SOC, most of the error is below it.
+LEFT_BELOW = math.sqrt(2)
 
 
 @dataclass(frozen=True)
@@ -170,6 +175,11 @@ def fit_of(
     settings, best = objective.settings, proof.best
     tables = objective.tables_at(best)
     known = intervals_of(objective, best) if intervals is None else intervals
+    if errors is None:
+        judged = prepared_records or objective.prepared_records
+        errors = tuple(pooled_errors([prepared], tables) for prepared in judged)
+        untold = _untold(objective, errors)
+        known = [one.opened() if (one.name, one.soc) in untold else one for one in known]
     intervals = with_spread(objective, best, known)
     means = tuple(
         own for own in intervals if own.soc is None and parts_of(own.name)[0] in tables.tables
@@ -190,11 +200,7 @@ def fit_of(
     fit = TableFit(
         tables=tables,
         objective_v=best.rms_v,
-        errors=errors
-        or tuple(
-            pooled_errors([prepared], tables)
-            for prepared in prepared_records or objective.prepared_records
-        ),
+        errors=errors,
         tau_ranges_s=taus_s,
         lower_bound_v=proof.lower_bound_v,
         status="certified" if is_certified else "grid-verified",
@@ -208,6 +214,23 @@ def fit_of(
         means=means,
     )
     return replace(fit, warnings=_warnings(objective, fit))
+
+
+def _untold(objective: TableObjective, errors: Sequence[SocErrors]) -> set[tuple[str, float]]:
+    """The nodes of a nearly empty cell, by table, at which nothing but smoothing and the circuit
+    tells a value: of R0 those that no step of the current is near; of an OCV of the records' own
+    those without a long rest, where no circuit follows the loads."""
+    found, telling = set(), {OHMIC: is_step}
+    if any(own.above_v and own.rmse_v > LEFT_BELOW * own.above_v for own in errors):
+        telling[OCV] = is_at_ocv
+    for name in telling.keys() & set(objective.names):
+        nodes = objective.nodes_of[objective.names.index(name)]
+        is_told = is_above(nodes)
+        for prepared in objective.prepared_records:
+            told = replace(prepared, scored=prepared.scored & telling[name](prepared))
+            is_told |= told.nearest(nodes)
+        found |= {(name, soc) for soc in nodes[~is_told].tolist()}
+    return found
 
 
 def _as_stored(

@@ -10,7 +10,7 @@ from scipy.linalg import block_diag
 
 from ..cell import CellModel, CircuitParameters, get_circuit
 from ..cell.curves import KNOTS
-from ..cell.parameters import HALF_HYSTERESIS
+from ..cell.parameters import HALF_HYSTERESIS, OHMIC
 from ..cell.tables import hats
 from ..display import Brief
 from ..errors import InputError
@@ -18,18 +18,16 @@ from ..metrics import Metrics, measure
 from ..model.prepared import PreparedRecord, prepare_record, try_record
 from ..model.problem import require_changing_voltage
 from ..model.reference import errors_along, simulate_circuit
+from ..model.steps import FEWEST_STEPS, reach_of, steps_of
 from ..model.window import Window
 from ..notices import Notice
 from ..records import Record
-from ..records.samples import STEADY_SHARE, STEP_SHARE
 from ..settings import MAX_MOVED_SOC
 
 # A start is moved by so much to see what that does.
 PROBE_SOC = 0.002
 # A lag is found within so many samples.
 LAG_SAMPLES = 0.1
-# Of a circuit's answer to most of at least so many steps, the record shows at least this share.
-_FEWEST_STEPS, _LEAST_SHOWN, _AFTER_S = 3, 0.9, 1.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -170,33 +168,23 @@ def _in_both(*evaluations: Evaluation) -> Iterator[Float[np.ndarray, "scored"]]:
     return (evaluation.error_v[:count][scored] for evaluation in evaluations)
 
 
-def step_warnings(evaluation: Evaluation) -> Iterator[Notice]:
-    """A notice where the circuit answers steps of the current by more than the record shows.
-
-    The steps are those between currents that stand still, and their answers those after a second,
-    and two samples at least: on whichever side of its sample a current flows, and however little
-    late the voltage is, all of R0 is in these.
-    """
+def step_warnings(evaluation: Evaluation, parameters: CircuitParameters) -> Iterator[Notice]:
+    """A notice where R0 is more than the record shows after steps of the current, in the median of
+    all steps and by more than its standard error."""
     prepared = evaluation.prepared
-    moved_a = np.abs(np.diff(prepared.current_a))
-    peak_a = float(np.abs(prepared.current_a).max())
-    after = max(2, math.ceil(_AFTER_S / prepared.median_interval_s))
-    moves = np.append(0, np.cumsum(moved_a >= STEADY_SHARE * peak_a))
-    first = np.flatnonzero(moved_a > STEP_SHARE * peak_a)
-    first = first[(first > 0) & (first + after < len(moves))]
-    # One move within the samples from the one before the step to the last one.
-    first = first[moves[first + after] - moves[first - 1] == 1]
-    first = first[prepared.scored[first] & prepared.scored[first + after]]
-    if len(first) < _FEWEST_STEPS:
+    before, after = steps_of(prepared)
+    if len(before) < FEWEST_STEPS or parameters.dependence is not None:
         return
-    step_a, after_s = (
-        own[first + after] - own[first] for own in (prepared.current_a, prepared.time_s)
+    step_a, after_s = (own[after] - own[before] for own in (prepared.current_a, prepared.time_s))
+    own_ohm, shown_ohm = (
+        (own_v[before] - own_v[after]) / step_a
+        for own_v in (evaluation.simulated_v, prepared.voltage_v)
     )
-    shown_ohm, own_ohm = (
-        (own_v[first] - own_v[first + after]) / step_a
-        for own_v in (prepared.voltage_v, evaluation.simulated_v)
-    )
-    if np.median(own_ohm) > 0 and np.quantile(shown_ohm / own_ohm, 0.75) < _LEAST_SHOWN:
+    above_ohm = parameters.at(OHMIC, prepared.soc[before]) - shown_ohm
+    median_ohm = float(np.median(above_ohm))
+    reach_ohm = reach_of(above_ohm - median_ohm, len(before) - 1)
+    # The standard error of a median of normal values.
+    if median_ohm > math.sqrt(math.pi / 2 / len(before)) * reach_ohm:
         told = {"own_ohm": own_ohm, "shown_ohm": shown_ohm, "after_s": after_s}
         medians = {name: float(np.median(values)) for name, values in told.items()}
         yield Notice("answer.r0-above-steps", medians, prepared.record.name)

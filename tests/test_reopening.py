@@ -113,15 +113,15 @@ def test_files_are_found_where_the_plan_beside_a_result_says_and_known_by_conten
     record = files / "drive.parquet"
     shutil.copy(BUNDLED.record, record)
     sha256 = hashlib.sha256(record.read_bytes()).hexdigest()
-    with pytest.raises(InputError, match=r"drive\.parquet: not found in"):
-        StoredInputs.of(out).find("drive.parquet", sha256)
+    why = StoredInputs.of(out).find("drive.parquet", sha256)
+    assert "drive.parquet: not found in" in str(why)
     (out / "plan.toml").write_text(
         f'[[files]]\nfile = "{record.as_posix()}"\nrole = "identification"\n'
     )
     assert StoredInputs.of(out).find("drive.parquet", sha256) == record
     # Another's plan names what it likes: without a digest, nothing is taken from there.
-    with pytest.raises(InputError, match="not found in"):
-        StoredInputs.of(out).find("drive.parquet", "")
+    why = StoredInputs.of(out).find("drive.parquet", "")
+    assert "not found in" in str(why)
     shutil.copy(BUNDLED.validation, record)
-    with pytest.raises(InputError, match="SHA-256 differs"):
-        StoredInputs.of(out).find("drive.parquet", sha256)
+    why = StoredInputs.of(out).find("drive.parquet", sha256)
+    assert "SHA-256 differs" in str(why)

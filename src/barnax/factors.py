@@ -106,17 +106,11 @@ def factors_to_bytes(kept: Sequence[Kept]) -> bytes:
 
 
 def _head_of(kept: Kept, parts: tuple[_Part, _Part]) -> _Head:
-    grid = kept.grid
+    known = vars(kept) | vars(kept.grid) | vars(kept.cell)
+    known |= {"nodes": [*kept.grid.nodes], "skeleton": kept.grid.span.skeleton, "parts": parts}
+    named = ((name, known[name]) for name in _Head.model_fields)
     return _Head(
-        **{name: getattr(kept, name) for name in ("name", *FACTS)},
-        **{name: getattr(grid, name) for name in ("low_s", "high_s", "circuit", "ocv")},
-        skeleton=grid.span.skeleton.tolist(),
-        nodes=list(grid.nodes),
-        visited=kept.visited.tolist(),
-        visited_ocv=kept.visited_ocv.tolist(),
-        ocv_v=kept.cell.ocv_v.tolist(),
-        slopes_v=kept.cell.slopes_v.tolist(),
-        parts=parts,
+        **{name: own.tolist() if isinstance(own, np.ndarray) else own for name, own in named}
     )
 
 

@@ -177,26 +177,21 @@ def _spanning(fit: PackFit, prepared: PreparedRecord, tables: TableFits) -> Pack
         shifts[R0].append(other.most_ohm)
         shifts |= {TOTAL: [total_ohm], LOADED: [-prepared.capacity_ah * total_ohm]}
 
-    def reaching(values: Mapping[str, Value]) -> dict[str, Value]:
-        return {name: value.spanning(shifts.get(name, ())) for name, value in values.items()}
-
-    return replace(
-        fit, cells=tuple(replace(cell, values=reaching(cell.values)) for cell in fit.cells)
-    )
+    cells = []
+    for cell in fit.cells:
+        values = {name: one.spanning(shifts.get(name, ())) for name, one in cell.values.items()}
+        cells.append(replace(cell, values=values))
+    return replace(fit, cells=tuple(cells))
 
 
 def _with_lags(fit: PackFit, read: PackRecord, scan: Scan) -> PackFit:
     """The fit with every cell's lag, whose error is in the interval of R0."""
-    lags = zip(scan.lag_s, 1.96 * scan.error_s, scan.reach_ohm(read.record), strict=True)
-
-    def lagging(values: Mapping[str, Value], lag_s: float, error_s: float, ohm: float):
-        known = {name: own.widened(ohm) for name, own in values.items() if name in (R0, TOTAL)}
-        return {**values, **known, LAG: Value(lag_s, lag_s - error_s, lag_s + error_s)}
-
-    cells = [
-        replace(cell, values=lagging(cell.values, *map(float, lag)))
-        for cell, lag in zip(fit.cells, lags, strict=True)
-    ]
+    cells, reaches_ohm = [], scan.reach_ohm(read.record)
+    lags = np.column_stack([scan.lag_s, 1.96 * scan.error_s, reaches_ohm]).tolist()
+    for cell, (lag_s, error_s, ohm) in zip(fit.cells, lags, strict=True):
+        widened = {name: cell.values[name].widened(ohm) for name in (R0, TOTAL)}
+        lag = {LAG: Value(lag_s, lag_s - error_s, lag_s + error_s)}
+        cells.append(replace(cell, values={**cell.values, **widened, **lag}))
     return replace(fit, cells=tuple(cells))
 
 

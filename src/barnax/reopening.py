@@ -70,8 +70,8 @@ class StoredInputs:
         unique = tuple(dict.fromkeys(folders))
         return cls(unique, place / "plan.toml", given, reading or Reading())
 
-    def find(self, name: str, sha256: str) -> Path:
-        """The file of that name and content. Raises `InputError` where there is none."""
+    def find(self, name: str, sha256: str) -> Path | Notice:
+        """The file of that name and content, or why there is none."""
         return find_file(name, sha256, (*self.folders, *(self._planned if sha256 else ())))
 
     @cached_property
@@ -89,6 +89,8 @@ class StoredInputs:
         given = self.given.get(part.name)
         if given is None:
             given = self.find(file_of(part.name), part.sha256)
+        if isinstance(given, Notice):
+            raise given.error()
         if not isinstance(given, Record):
             source = replace(source_of(given, {}, self.reading), name=part.name)
             if PART.search(part.name) and part.fingerprint:

@@ -17,8 +17,13 @@ from barnax.experiment import Block
 from barnax.experiment.belief import believed_of_chemistry
 from barnax.experiment.information import Seconds, columns_along, information_of, widths_of
 from barnax.experiment.protocol import hppc_steps, sampled, voltage_along
+from barnax.model.prepared import prepare_record
+from barnax.model.window import Window
+from barnax.over_soc.intervals import linearized
+from barnax.over_soc.problem import held_at, reduced_objective
 from barnax.reporting.design_forms import procedure, profile_csv, pybamm_steps, steps_csv
 from helpers.designs import quick_design
+from helpers.reference import make_record
 
 LIMITS: dict[str, Any] = {"max_discharge": 2.0, "max_charge": 1.0}
 
@@ -62,6 +67,25 @@ def test_columns_are_the_derivatives_of_the_voltage(believed):
             changed.append(voltage_along(replace(believed, tables=tables), current_a, 0.62)[0])
         slope = (changed[0] - changed[1]) / 2e-3
         np.testing.assert_allclose(columns[:, place], -slope, atol=1e-9)
+
+
+def test_columns_are_those_that_intervals_of_a_fit_are_of(believed):
+    current_a = np.repeat([0.0, 3.0, -1.0, 0.5], 40)
+    columns, _ = columns_along(believed, current_a, 0.62)
+    record = make_record(np.arange(len(current_a)), current_a)
+    window = Window(initial_soc=0.62)
+    prepared = prepare_record(record, believed.cell, "so-rc", window, is_measured=False)
+    log_scales = tuple(np.log(believed.tables.tau_s).tolist())
+    held = held_at(believed.tables.named_tau_s, log_scales)
+    settings = replace(believed.settings, folds=0)
+    objective = reduced_objective([prepared], settings, held)
+    found = objective.solve(log_scales)
+    tables = (believed.values[places] for places in believed.tables_of_names.values())
+    found = replace(found, values=tuple(tables))
+    with jax.enable_x64(True):
+        fitted = np.concatenate([rows for rows, *_ in linearized(objective, found)])
+    own = columns[prepared.scored, : len(believed.names)]
+    np.testing.assert_allclose(own, fitted, atol=1e-11)
 
 
 @pytest.mark.parametrize(("time_s", "tolerance"), [(0, 1e-12), (10, 1e-12), (200, 5e-3)])

@@ -14,7 +14,7 @@ from ..global_optimum.search import find_global_optimum
 from ..model.problem import Problem, rmse_by_scan, rmse_of_all
 from ..optimizers import evaluations_per_iteration, make_optimizer, source_of
 from ..search.refine import SEED_TOLERANCE, STEPS, Descent, RefinedSeed
-from ..search.seeds import SeedAnswer, search_seeds
+from ..search.seeds import search_seeds
 from .method import (
     Answer,
     Budget,
@@ -46,24 +46,21 @@ def population_method(name: str) -> Method:
                 f"it evaluates {cost} candidates per generation, more than the budget of "
                 f"{budget.evaluations} per seed; raise `iterations`"
             )
-        return [
-            Answer(seed.parameters, seed.rmse_v, seed.evaluations, seed.history_v)
-            for seed in _search(problem, name, iterations, budget, progress)
-        ]
+        return _search(problem, name, iterations, budget, progress)
 
     return Method(name, source_of(name), is_deterministic=False, run=search)
 
 
 def _search(
     problem: Problem, name: str, iterations: int, budget: Budget, progress: Progress
-) -> tuple[SeedAnswer, ...]:
-    return search_seeds(
-        problem,
-        make_optimizer(name, budget.population, iterations),
-        key=jax.random.key(budget.key),
-        seeds=budget.seeds,
-        progress=progress,
-    ).seeds
+) -> list[Answer]:
+    optimizer = make_optimizer(name, budget.population, iterations)
+    key = jax.random.key(budget.key)
+    search = search_seeds(problem, optimizer, key=key, seeds=budget.seeds, progress=progress)
+    return [
+        Answer(seed.parameters, seed.rmse_v, seed.evaluations, seed.history_v)
+        for seed in search.seeds
+    ]
 
 
 def multistart(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:

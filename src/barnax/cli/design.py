@@ -9,6 +9,7 @@ import barnax
 
 from .. import reporting
 from ..errors import InputError
+from ..notices import Notice
 from ..settings import WINDOW_OPTIONS, Over, choices_in
 from .options import group
 from .output import Output
@@ -174,11 +175,9 @@ def _files_of(
     missing: list[str] = []
     for role, before in (("identification", ()), ("ocv", ("--ocv",))):
         for name, sha256 in {file_of(p.name): p.sha256 for p in stored.of_role(role)}.items():
-            try:
-                words += [*before, str(places.find(name, sha256))]
-            except InputError:
-                words += [*before, name]
-                missing.append(name)
+            found = places.find(name, sha256)
+            missing += [name] if isinstance(found, Notice) else []
+            words += [*before, name if isinstance(found, Notice) else str(found)]
     if not stored.tried:
         words += ["--model", stored.model]
         words += ["--over", stored.over] if stored.over in choices_in(Over) else []

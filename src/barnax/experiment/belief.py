@@ -194,13 +194,15 @@ def believed_of_result(result: Result, temperature_degc: float | None = None) ->
     Raises `InputError` where its answer has elements that are no RC pairs, or not the temperature.
     """
     told, untold, parts = result.fit.intervals, "", result.of_role("identification")
-    earlier = list[Evaluation]()
     try:
-        for evaluated, part in zip(result.evaluations.identification, parts, strict=True):
-            if temperature_degc is None or part.is_at(temperature_degc):
-                earlier.append(evaluated)
+        evaluations = result.evaluations.identification
     except InputError as problem:
-        untold = str(problem)
+        evaluations, untold = (), str(problem)
+    earlier = [
+        evaluated
+        for evaluated, part in zip(evaluations, parts, strict=False)
+        if temperature_degc is None or part.is_at(temperature_degc)
+    ]
     if temperature_degc is not None:
         over = result.fits.over_temperature
         if over is None:

@@ -192,11 +192,10 @@ class Believed:
     @cached_property
     def penalty(self) -> Normal:
         """The smoothing of the tables, as `TableObjective.table_penalty` has it, squared."""
-        settings, blocks = self.settings, []
-        resistance = self.cell.capacity_ah, settings.resistance_ridge
-        for name, places in self.tables_of_names.items():
-            weights = resistance if name.startswith("R") else (1.0, settings.voltage_ridge)
-            blocks.append(smoothing_rows(settings, places.stop - places.start, *weights))
+        settings, resistances = self.settings, len(self.tables.resistances)
+        of_r = len(settings.nodes), self.cell.capacity_ah, settings.resistance_ridge
+        of_ocv = len(settings.nodes_of_ocv), 1.0, settings.voltage_ridge
+        blocks = [smoothing_rows(settings, *own) for own in [*[of_r] * resistances, of_ocv]]
         rows = np.asarray(block_diag(*blocks, np.zeros((0, self.tables.pairs))))
         return rows.T @ rows
 

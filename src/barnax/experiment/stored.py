@@ -167,7 +167,7 @@ class Design(Document):
         already: The names of which the earlier records tell what is wanted.
         printed: Half the intervals that the result prints, medians by table.
         beyond: What these reach over that no test narrows: "hold" for both holds of the current,
-            "fits" for two fits of the same records.
+            "pair" for one that R0 may hide.
         follows: What the result's resistances follow beside SOC, which the promise leaves out.
         key: Random key.
     """

@@ -80,12 +80,10 @@ class Drive(NamedTuple):
         direction, turning = prepared.direction, get_circuit(prepared.circuit).turning
         if turning is not None:
             direction = turning(prepared.soc, direction)
-        dependence, factor, pairs_a = prepared.dependence, prepared.resistance_factor, None
-        ohmic_a = prepared.current_a
-        if dependence is not None and factor is not None:
-            through_a = factor * dependence.through_pairs(prepared.held_a)
+        ohmic_a, through_a = prepared.weighed_a
+        pairs_a = None
+        if prepared.dependence is not None:
             pairs_a = jnp.asarray(np.append(0.0, through_a[:-1]))
-            ohmic_a = factor * dependence.by_direction(ohmic_a)
         return cls(
             interval_s=jnp.asarray(np.diff(prepared.time_s, prepend=prepared.time_s[0])),
             held_a=jnp.asarray(held_a),

@@ -250,10 +250,7 @@ class PreparedRecord(Brief):
         def fit(values: np.ndarray) -> Any:
             return as_input(values if samples is None else sized(values, samples))
 
-        ohmic_a, through_pairs_a = self.current_a, self.held_a
-        if self.dependence is not None and self.resistance_factor is not None:
-            ohmic_a = self.resistance_factor * self.dependence.by_direction(ohmic_a)
-            through_pairs_a = self.resistance_factor * self.dependence.through_pairs(self.held_a)
+        ohmic_a, through_pairs_a = self.weighed_a
         weight = self.scored.astype(float)
         intervals = Intervals.measure(self.time_s, shortest_tau_s)
         if samples is not None:
@@ -269,6 +266,15 @@ class PreparedRecord(Brief):
             intervals=intervals,
             hysteresis=None if highest_gamma is None else self._hysteresis(highest_gamma, samples),
         )
+
+    @property
+    def weighed_a(self) -> tuple[Float[np.ndarray, "simulated"], Float[np.ndarray, "simulated"]]:
+        """The currents through R0 at the samples and through the pairs from each to the next, as
+        large as what resistances follow makes their voltages."""
+        law, factor = self.dependence, self.resistance_factor
+        if law is None or factor is None:
+            return self.current_a, self.held_a
+        return factor * law.by_direction(self.current_a), factor * law.through_pairs(self.held_a)
 
     @property
     def held_a(self) -> Float[np.ndarray, "simulated"]:

@@ -166,18 +166,16 @@ def folders_around(place: Path) -> tuple[Path, ...]:
     return tuple(dict.fromkeys((place, (place if has_name else place.resolve()).parent, Path())))
 
 
-def find_file(name: str, sha256: str, folders: Sequence[Path]) -> Path:
-    """The file of that name in one of the folders, and of that content if its digest is given.
-
-    Raises InputError where there is none.
-    """
+def find_file(name: str, sha256: str, folders: Sequence[Path]) -> Path | Notice:
+    """The file of that name in one of the folders, and of that content if its digest is given; why
+    there is none."""
     places = [folder / name for folder in folders if (folder / name).is_file()]
     if not places:
-        raise Notice("file.not-found", {"folders": ", ".join(map(str, folders))}, name).error()
+        return Notice("file.not-found", {"folders": ", ".join(map(str, folders))}, name)
     for place in places:
         if not sha256 or sha256 == hashlib.sha256(_read_content(place)).hexdigest():
             return place
-    raise Notice("file.not-found", subject=str(places[0])).error()
+    return Notice("file.not-found", subject=str(places[0]))
 
 
 def find_planned(

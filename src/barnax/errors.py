@@ -46,6 +46,16 @@ def require_number(name: str, value: Any, hint: Any) -> None:
         )
 
 
+def require_choice(option: str, value: object, choices: Iterable[str]) -> None:
+    """Raise `InputError` where an option's value is none of its choices.
+
+    >>> require_choice("chemistry", "nmc", ("nmc", "lfp"))
+    """
+    known = tuple(choices)
+    if value not in known:
+        raise InputError(f"`{option}` {value!r} is not known; there are {', '.join(known)}")
+
+
 # An option in a message, with its value if it has one.
 OPTION = re.compile(r"`([a-z][a-z_]*)(?:=([^`]*))?`")
 # Of names, and of what stands in a cell: longer text is cut before anybody quotes it.

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ParamSpec, Self, TypeVar, get_type_hints
 
 from .cell import CellModel, get_circuit
 from .display import brief
-from .errors import InputError, require_number
+from .errors import InputError, require_choice, require_number
 from .execution import Watch, unwatched
 from .model.search_space import Range
 from .model.window import Window, Windows
@@ -166,8 +166,8 @@ def require_value(name: str, value: Any) -> None:
     hint = OPTIONS.get(name)
     require_number(name, value, hint)
     known = OPTIMIZERS if name == "method" else choices_in(hint)
-    if value is not None and known and value not in known:
-        raise InputError(f"`{name}` {value!r} is not known; there are {', '.join(known)}")
+    if value is not None and known:
+        require_choice(name, value, known)
 
 
 def takes_options(

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from .cell.parameters import OCV_CORRECTION
-from .errors import InputError
+from .errors import InputError, require_choice
 from .filters import Kind
 from .filters.model import CAPACITY, GRID, OFFSET, ErrorModel, FilterModel, make_model
 from .inputs import read_validation
@@ -46,8 +46,7 @@ class FilterSettings:
     tables: bool = True
 
     def __post_init__(self):
-        if self.kind not in ("sum", "ekf", "ukf"):
-            raise InputError(f"`filter` {self.kind!r} is not known; there are sum, ekf, ukf")
+        require_choice("filter", self.kind, ("sum", "ekf", "ukf"))
         if not 0 < self.soc_sd <= 1:
             raise InputError(f"soc_sd {self.soc_sd:g} must be above 0 and at most 1")
 
@@ -168,8 +167,7 @@ def model_of(
     rest_a, slow_sd = result.start_rest_current_a, []
     known = [OFFSET, CAPACITY, *(name for name in fitted if name[0] in "Rt")]
     for name in slow:
-        if name not in known:
-            raise InputError(f"`estimate` {name!r} is not known; there are {', '.join(known)}")
+        require_choice("estimate", name, known)
         relative = float(np.clip(fitted.get(name) or LEAST_SD, LEAST_SD, LARGEST_SD))
         slow_sd.append({OFFSET: rest_a, CAPACITY: CAPACITY_SD}.get(name, relative))
     return make_model(

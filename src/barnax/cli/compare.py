@@ -1,7 +1,7 @@
 """`barnax compare`: models and methods side by side on one cell; `barnax optimizers`."""
 
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -9,7 +9,7 @@ from pathlib import Path
 import barnax
 
 from .. import reporting
-from ..errors import InputError
+from ..errors import InputError, require_choice
 from .options import OF_FILES, OF_RECORDS, OF_SEARCH, Given, group, options_of
 from .output import DEFAULT_FOLDER, Output, drawn_files
 from .session import Session, shown
@@ -59,8 +59,8 @@ def compare(options: Comparing) -> None:
 
     rows = chosen_rows(options.models, options.methods, PAPER_ROWS)
     for model, method in rows:
-        _require_choice("models", model, CIRCUITS)
-        _require_choice("methods", method, barnax.METHODS)
+        require_choice("models", model, CIRCUITS)
+        require_choice("methods", method, barnax.METHODS)
     job = ComparisonJob(
         [record] if record else [], **options.job, **options.scope, rows=rows, watch=run.watch
     )
@@ -91,12 +91,6 @@ def compare(options: Comparing) -> None:
     if run.folder is not None:
         name = "report.html" if "report.html" in run.written else "comparison.json"
         run.show([f"\nThe results are in [bold]{shown(run.folder)}/{name}[/bold]."])
-
-
-def _require_choice(option: str, value: str, choices: Iterable[str]) -> None:
-    """Raise `InputError` where an option's value is none of its choices."""
-    if value not in choices:
-        raise InputError(f"`{option}` {value!r} is not known; there are {', '.join(choices)}")
 
 
 def chosen_rows(

@@ -17,7 +17,7 @@ from ..cell.model import MIXED_POINTS
 from ..cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION
 from ..cell.soc_axis import CAPACITY_WARNING, GIVEN
 from ..cell.tables import LEAST_OHM
-from ..errors import InputError
+from ..errors import InputError, require_choice
 from ..model.prepared import PreparedRecord
 from ..model.sampling import least_r0_share
 from ..over_soc.fit import TableFit
@@ -40,7 +40,7 @@ from .information import (
     columns_along,
 )
 from .protocol import window_of
-from .stored import followed, told_half
+from .stored import followed, halves_of
 
 Chemistry = Literal["nmc", "lfp"]
 # Resistances of a typical cell of 1 Ah half full, R0, R1 and R2, and how much more they are empty.
@@ -179,9 +179,7 @@ def believed_of_chemistry(chemistry: str, capacity_ah: float) -> Believed:
 
 def _typical_cell(chemistry: str) -> CellModel:
     """The bundled cell of a chemistry. Raises `InputError` for an unknown one."""
-    if chemistry not in get_args(Chemistry):
-        known = ", ".join(get_args(Chemistry))
-        raise InputError(f"`chemistry` {chemistry!r} is not known; there are {known}")
+    require_choice("chemistry", chemistry, get_args(Chemistry))
     prefix = "" if chemistry == "nmc" else "lfp_"
     tests = [read_record(bundled_file(f"{prefix}ocv_{way}")) for way in ("charge", "discharge")]
     return characterize(tests, ocv_fit="interpolated")
@@ -281,12 +279,8 @@ def believed_of_fit(
     """The cell of tables that were fitted with these settings and left such an RMSE."""
     known, printed = dict[Name, float](), dict[Name, float]()
     for one in fit.intervals:
-        half = told_half(one)
-        if half is None or one.low is None or one.high is None:
-            continue
-        known[one.name, one.soc] = half
-        scale = one.value if one.name.startswith(("R", "tau")) else 1.0
-        printed[one.name, one.soc] = (one.high - one.low) / 2 / scale
+        if (halves := halves_of(one)) is not None:
+            known[one.name, one.soc], printed[one.name, one.soc] = halves
     corrections_v = (half_v for (name, _), half_v in printed.items() if name == OCV_CORRECTION)
     tables = fit.tables.without(HALF_HYSTERESIS)
     ohm = np.maximum(tables.ohm, LEAST_OHM)

@@ -92,7 +92,7 @@ class Believed:
         error: What a fit leaves.
         settings: The tables that will be fitted; an OCV of the test's own where it has `ocv_nodes`.
         earlier: Records that will be identified with the test's.
-        known: Half the 95 % intervals that they left, relative or in V, as `told_half` has them.
+        known: Half the 95 % intervals that they left, relative or in V, as `halves_of` has them.
         printed: The same as they are printed, which may reach over more.
         beyond: What these reach over: both samplings of the current ("hold"), a hidden "pair".
         follows: What the resistances follow beside SOC, which a design leaves out.

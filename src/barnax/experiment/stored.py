@@ -63,13 +63,14 @@ def is_enough(name: str, half: float, wanted: float) -> bool:
     return float(f"{half:{form}}") <= float(f"{wanted:{form}}")
 
 
-def told_half(interval: NodeInterval) -> float | None:
-    """Half an interval of a fit in the measure of a design: what more samples would narrow. None
-    where nothing tells it."""
+def halves_of(interval: NodeInterval) -> tuple[float, float] | None:
+    """Half an interval of a fit in the measure of a design: what more samples would narrow, and as
+    it is printed. None where nothing tells it."""
     scale = interval.value if interval.name.startswith(("R", "tau")) else 1.0
     if interval.low is None or interval.high is None or not scale > 0:
         return None
-    return (HALF_95 * interval.standard_error + abs(interval.bias) / 2) / scale
+    told = HALF_95 * interval.standard_error + abs(interval.bias) / 2
+    return told / scale, (interval.high - interval.low) / 2 / scale
 
 
 def followed(dependence: Dependence | None) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ import numpy as np
 from ..experiment.belief import UNKNOWN_LOW_SOC
 from ..experiment.information import DRIVE
 from ..experiment.protocol import LOW_SOC
-from ..experiment.stored import followed, is_enough, told_half
+from ..experiment.stored import followed, halves_of, is_enough
 from .design_forms import EMPTYING
 from .document import Document, Lines, Table, rows_table, screen
 from .wording import sentences, wording
@@ -242,7 +242,7 @@ def reached_half(fit: "TableFit", width: "Width") -> float | None:
     nodes = () if fit.is_over_soc or not width.name.startswith("R") else fit.tables.nodes
     for node in fit.intervals:
         if node.name == width.name and node.soc in (width.soc, *nodes):
-            half = told_half(node)
-            if half is not None:
-                return half
+            halves = halves_of(node)
+            if halves is not None:
+                return halves[0]
     return None

@@ -17,12 +17,19 @@ from xdist.scheduler import LoadScopeScheduling
 
 from helpers.compiling import OF_THIS_RUN, QUICK_FLAGS
 
-# Files that share what takes long run in one process: runs of the command, a result, the syntax
-# trees of the source. These and the longest files go first, so that no process is left with one of
-# them at the end.
+# Files that share what takes long run in one process: runs of the command and searches as small as
+# theirs, a result, seeds, fits, fonts, the syntax trees of the source. These and the longest files
+# go first, so that no process is left with one of them at the end.
 TOGETHER = {
     "tests/cli": "commands",
+    "tests/test_pipeline.py": "commands",
+    "tests/test_reopening.py": "commands",
+    "tests/reporting/test_identification.py": "commands",
     "tests/experiment": "designs",
+    "tests/search": "seeds",
+    "tests/global_optimum/test_optimum.py": "seeds",
+    "tests/uncertainty": "fits",
+    "tests/plots": "figures",
     "tests/test_house.py": "source",
     "tests/test_notices.py": "source",
     "tests/test_package.py": "source",
@@ -32,7 +39,7 @@ FIRST = (
     *TOGETHER,
     *("tests/over_soc/test_own_ocv.py", "tests/checks/test_findings.py", "tests/plan"),
     *("tests/filters/test_kalman.py", "tests/over_soc/test_registration.py", "tests/select"),
-    *("tests/optimizers", "tests/test_pipeline.py", "tests/life", "tests/test_answer.py"),
+    *("tests/optimizers", "tests/life", "tests/test_answer.py"),
 )
 
 

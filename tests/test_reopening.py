@@ -30,7 +30,7 @@ def kept(tmp_path_factory):
         pl.read_parquet(path)[:6000].write_parquet(data / name)
     result = barnax.identify(
         data / "drive.parquet", ocv=list(BUNDLED.ocv), validate=data / "other.parquet",
-        model="iso-rc", over="soc", window=Window(score_to_s=3000.0), **SMALL,
+        model="iso-rc", over="soc", window=Window(score_to_s=1500.0), **SMALL,
     )  # fmt: skip
     (folder / "result.json").write_text(result.to_json())
     return result, folder, data

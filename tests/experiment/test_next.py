@@ -35,6 +35,11 @@ def design(result):
     return barnax.design(result, max_hours=1.5, blocks=BLOCKS)
 
 
+@pytest.fixture(scope="module")
+def believed(result):
+    return believed_of(result, None)
+
+
 def test_what_a_result_determines_counts(design):
     assert not design.finds_ocv
     assert design.earlier == ("identification.parquet",)
@@ -111,7 +116,7 @@ def test_a_record_that_is_predicted_badly_is_answered_with_more_data(result, tim
     assert step.advice.startswith("identify on validation.parquet too") is is_bad
 
 
-def test_no_test_is_designed_for_what_is_known_already(result, tmp_path, monkeypatch):
+def test_no_test_is_designed_for_what_is_known_already(result, believed, tmp_path, monkeypatch):
     easy = {"R0": 0.5, "drive": 0.1}
     none = barnax.design(result, want=easy)
     assert (none.steps, none.hours, none.already) == ((), 0.0, ("R0", "drive"))
@@ -135,14 +140,14 @@ def test_no_test_is_designed_for_what_is_known_already(result, tmp_path, monkeyp
     assert barnax.Design.load(tmp_path / "out").to_json() == none.to_json()
     monkeypatch.undo()
     # One more wish, or hours, and there is a test: of all the hours, as nothing is to be reached.
-    asked = quick_design(result, want=easy, max_hours=1.3, blocks=BLOCKS)
+    asked = quick_design(believed, want=easy, max_hours=1.3, blocks=BLOCKS)
     assert asked.hours == pytest.approx(1.3, abs=0.02)
     shown = screen_of(design_screen(asked))
     assert "Known already:  R0 " in shown
     assert "no further test is needed for it; this is the best test of the hours." in shown
 
 
-def test_before_with_the_test_and_reached_are_one_quantity(design, result):
+def test_before_with_the_test_and_reached_are_one_quantity(design, result, believed):
     """What more samples narrow: no matter over what else printed intervals reach."""
     fit = result.fit
     for name in ("R0", "R1", "R2"):
@@ -154,10 +159,10 @@ def test_before_with_the_test_and_reached_are_one_quantity(design, result):
     wide = replace(fit, intervals=tuple(one.spanning([-0.03, 0.03]) for one in fit.intervals))
     part = replace(result.tables, fits=(wide,), hold_shift_ohm=0.03)
     other = result.model_copy(update={"tables": part})
-    own, reaching = (believed_of(one, None) for one in (result, other))
-    assert before_of(reaching) == before_of(own)
-    assert reaching.known == own.known
-    assert reaching.printed["R0 [Ohm]", 0.5] > 5 * own.printed["R0 [Ohm]", 0.5]
+    reaching = believed_of(other, None)
+    assert before_of(reaching) == before_of(believed)
+    assert reaching.known == believed.known
+    assert reaching.printed["R0 [Ohm]", 0.5] > 5 * believed.printed["R0 [Ohm]", 0.5]
     printed = {"R0": reaching.printed["R0 [Ohm]", 0.5]}
     told = design.model_copy(update={"printed": printed, "beyond": reaching.beyond})
     text = screen_of(design_screen(told))

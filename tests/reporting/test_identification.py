@@ -54,7 +54,7 @@ DIRECTION_SOURCES = (
 @pytest.fixture(scope="module")
 def joint() -> Result:
     """A live run on two records, so that every kind of figure is there."""
-    part = Window(score_to_s=600.0)
+    part = Window(score_to_s=1500.0)
     record, validation = (
         barnax.read_record(barnax.bundled_file(name)) for name in ("identification", "validation")
     )

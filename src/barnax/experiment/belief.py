@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -177,6 +178,7 @@ def believed_of_chemistry(chemistry: str, capacity_ah: float) -> Believed:
     )
 
 
+@cache
 def _typical_cell(chemistry: str) -> CellModel:
     """The bundled cell of a chemistry. Raises `InputError` for an unknown one."""
     require_choice("chemistry", chemistry, get_args(Chemistry))

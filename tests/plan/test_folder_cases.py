@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 import barnax
 from barnax.checks import check_file
+from barnax.errors import InputError
 from barnax.plan import plan, plan_from_toml, plan_to_toml
 from barnax.pulses import first_pulse
 from barnax.records import read_record
@@ -163,16 +164,26 @@ def test_long_pulses_down_and_up_in_two_files_are_one_ocv_test_and_a_record(tmp_
     assert "current steps" in record.reason
 
 
-def test_folders_with_an_ocv_test_and_a_record_each_are_cells(tmp_path):
+@pytest.mark.parametrize("depth", ["", "lab/2024"])
+def test_folders_with_an_ocv_test_and_a_record_each_are_cells_of_which_one_is_asked_for(
+    depth, tmp_path
+):
+    place = tmp_path / depth
     for cell, capacity_ah in (("A", 2.5), ("B", 2.4)):
-        write(tmp_path / cell / "slow" / "x.csv", slow_sweep(capacity_ah, back=True))
-        write(tmp_path / cell / "fast.csv", drive(capacity_ah, rest_s=60, seed=ord(cell)))
-    write(tmp_path / "B" / "more.csv", drive(2.4, rest_s=60, seed=9))
+        write(place / cell / "slow" / "x.csv", slow_sweep(capacity_ah, back=True))
+        write(place / cell / "fast.csv", drive(capacity_ah, rest_s=60, seed=ord(cell)))
+    write(place / "B" / "more.csv", drive(2.4, rest_s=60, seed=9))
+    write(place / "notes.csv", drive(2.4, rest_s=60, seed=7))
     planned = plan(tmp_path)
-    served = {part.name for part in planned.parts if part.role != "not used"}
-    assert served == {"B/slow/x.csv", "B/fast.csv", "more.csv"}
-    for name in ("A/slow/x.csv", "A/fast.csv"):
-        assert reason(planned, name).startswith("of another cell than B, by the OCV test")
+    assert {part.role for part in planned.parts} == {"not used"}
+    assert f"of 2 cells, {place / 'A'} (2.488 Ah, 2 files), {place / 'B'} (" in planned.missing
+    assert "give the folder of one" in planned.missing
+    assert reason(planned, "A/slow/x.csv") == "of the cell in A"
+    assert reason(planned, "notes.csv") == "beside the folders of several cells"
+    with pytest.raises(InputError, match="these are files of 2 cells"):
+        barnax.identify(planned)
+    one = plan(place / "B")
+    assert {part.name for part in one.of_role("identification")} == {"fast.csv", "more.csv"}
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,11 @@
 """The plan of some files: which temperature, which OCV test, and what is identified on what."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..errors import InputError
+from ..errors import InputError, counted, printable
 from ..execution import Watch, unwatched
 from ..inputs import listed, windows_by_name
 from ..model.window import Window, Windows
@@ -13,7 +13,17 @@ from ..notices import Notice
 from ..records import Given
 from ..settings import OVER_TEMPERATURE, Reading
 from .document import Plan
-from .draft import Draft, another_cell, copies_of, named_degc, of_other_cells, why_useless, words_of
+from .draft import (
+    Draft,
+    another_cell,
+    cells_by_folder,
+    copies_of,
+    named_degc,
+    of_other_cells,
+    passed_ah,
+    why_useless,
+    words_of,
+)
 from .looking import CandidateFile, Files, by_temperature, files_of, is_same_degc, look, split
 from .ocv import DIGITS, SHOWN, OcvChoice, ocv_at, ocv_reason, record_capacity_ah, started
 
@@ -112,7 +122,10 @@ def _decide(draft: Draft, tests: Files, others: Files) -> Plan:
         draft.take(file, "validation", "given")
     for file in tests:
         draft.take(file, "OCV test", "given")
-    draft.leave({} if tests else of_other_cells(free, draft.given_ah))
+    if not tests:
+        if len(cells := cells_by_folder(free)) > 1:
+            return _of_several_cells(draft, cells)
+        draft.leave(of_other_cells(free, draft.given_ah))
     free = draft.free
     records = [file for file in free if file.serves("identification")]
     # An OCV test with enough pulses is a record too where there is no other.
@@ -159,6 +172,20 @@ def _decide(draft: Draft, tests: Files, others: Files) -> Plan:
     _leave_others(draft, choice, chosen)
     options, reasons = ({}, {}) if is_own else _options(draft, runs, choice)
     return Plan("hppc" if is_pulsed else "identify", draft.parts(), options, reasons)
+
+
+def _of_several_cells(draft: Draft, cells: Mapping[Path, Files]) -> Plan:
+    """A plan that lists the cells of a folder and asks for one."""
+    listing = []
+    for folder, inside in cells.items():
+        capacity_ah = max(map(passed_ah, inside))
+        files = counted(len(inside), "file")
+        listing.append(f"{printable(str(folder))} ({capacity_ah:.4g} Ah, {files})")
+        draft.leave(dict.fromkeys(inside, f"of the cell in {printable(folder.name)}"))
+    draft.leave(dict.fromkeys(draft.free, "beside the folders of several cells"))
+    asked = "give the folder of one to barnax identify, or all to barnax fleet"
+    missing = f"these are files of {len(cells)} cells, {', '.join(listing)}; {asked}"
+    return Plan("identify", draft.parts(), missing=missing)
 
 
 def _on_records(draft: Draft, groups: Sequence[Files]) -> Plan | None:

@@ -151,20 +151,11 @@ def copies_of(files: Files, given: Files) -> dict[CandidateFile, Notice]:
     }
 
 
-def of_other_cells(files: Files, given_ah: float | None) -> dict[CandidateFile, str]:
-    """The files of other cells than that of the most records, each with the reason.
-
-    `given_ah` is the capacity in Ah of the cell that is meant, if it was given.
-    """
-    elsewhere = _in_other_folders(files)
-    here = [file for file in files if file not in elsewhere]
-    return elsewhere | _of_other_capacity(here, given_ah)
-
-
-def _in_other_folders(files: Files) -> dict[CandidateFile, str]:
-    """Folders that each hold a record, and the same OCV test, are of different cells."""
+def cells_by_folder(files: Files) -> dict[Path, Files]:
+    """The files of each cell, by their folder: folders that each hold a record, and the same OCV
+    test, are of different cells."""
     folders: set[Path] = set()
-    for one, other in permutations([file for file in files if _passed_ah(file)], 2):
+    for one, other in permutations([file for file in files if passed_ah(file)], 2):
         if _is_repeated(one, other):
             apart = [folder for folder in one.path.parents if folder not in other.path.parents]
             folders |= set(apart[-1:])
@@ -174,14 +165,7 @@ def _in_other_folders(files: Files) -> dict[CandidateFile, str]:
         inside = [file for file in files if folder in file.path.parents]
         if _records(inside):
             cells[folder] = inside
-    kept = max(cells, key=lambda folder: _records(cells[folder]), default=None)
-    return {
-        file: f"of another cell than {kept.name}, by the OCV test of its folder {folder.name}; "
-        "identify that folder by itself, or all with barnax fleet"
-        for folder, inside in cells.items()
-        for file in inside
-        if kept and folder != kept
-    }
+    return cells
 
 
 def _is_repeated(one: CandidateFile, other: CandidateFile) -> bool:
@@ -195,16 +179,20 @@ def _records(files: Files) -> int:
     return sum(file.serves("identification") for file in files)
 
 
-def _passed_ah(file: CandidateFile) -> float:
+def passed_ah(file: CandidateFile) -> float:
     """The charge that passes in an OCV test; zero for another file."""
     sweeps = file.traits.sweeps if file.serves("OCV test") else ()
     return max((sweep.passed_ah for sweep in sweeps), default=0.0)
 
 
-def _of_other_capacity(files: Files, given_ah: float | None) -> dict[CandidateFile, str]:
-    """OCV tests of cells that hold another charge, each with the records that fit it."""
-    tests = {file: _passed_ah(file) for file in files if _passed_ah(file)}
-    ranked = sorted(tests, key=_passed_ah)
+def of_other_cells(files: Files, given_ah: float | None) -> dict[CandidateFile, str]:
+    """OCV tests of cells that hold another charge, each with the records that fit it, and the
+    reason why they are left: the cell that is meant is that of most records.
+
+    `given_ah` is the capacity in Ah of the cell that is meant, if it was given.
+    """
+    tests = {file: passed_ah(file) for file in files if passed_ah(file)}
+    ranked = sorted(tests, key=passed_ah)
     largest_ah = [tests[one] for one, next_one in pairwise(ranked) if _is_other(one, next_one)]
     largest_ah += [tests[test] for test in ranked[-1:]]
     cells: dict[float, list[CandidateFile]] = {ah: [] for ah in largest_ah}
@@ -236,4 +224,4 @@ def _is_other(smaller: CandidateFile, larger: CandidateFile) -> bool:
     is_alike = is_same_degc(smaller.temperature_degc, larger.temperature_degc)
     is_alike &= min(spans_v) >= _SAME_RANGE * max(spans_v)
     times = _SAME_CELL if is_alike else 1 / LEAST_SHARE
-    return _passed_ah(larger) > times * _passed_ah(smaller)
+    return passed_ah(larger) > times * passed_ah(smaller)

@@ -217,6 +217,9 @@ def make_record(source: Source, samples: Samples, sign: Decision, current_hold: 
     held_ah = samples.held_ah(hold.value)
     counted_ah = samples.counters.charge_ah(held_ah, samples.is_loaded)
     hidden_ah = None if counted_ah is None else skipped_ah(counted_ah, held_ah, samples.max_ah)
+    # A record copies what can be written to, and nobody writes to these any more.
+    for values in (samples.time_s, samples.voltage_v, samples.row):
+        values.flags.writeable = False
     record = Record(
         name=source.name,
         time_s=samples.time_s,

@@ -21,13 +21,7 @@ from helpers import golden
 
 from .conftest import BUDGET, OCV, contents, run_command
 
-ALWAYS = {
-    "summary",
-    "identification-voltage",
-    "identification-error",
-    "validation-1-voltage",
-    "validation-1-error",
-}
+ALWAYS = {"summary"}
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ matplotlib's constrained layout draws every text twice to find it, which takes a
 the figure. Here it follows from the sizes of letters and the longest label of an axis' ticks.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -12,6 +12,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.legend import Legend
 from matplotlib.transforms import ScaledTranslation
 
 POINTS_PER_IN: Final = 72.0
@@ -78,6 +79,17 @@ def arrange(
         bottom, top = 1 - down[-1][1] / height_in, 1 - down[0][0] / height_in
         left = 1 - right_in / width_in
         bar.set_position((left, bottom, BAR_IN / width_in, top - bottom))
+
+
+def add_legend(
+    figure: Figure, entries: Mapping[str, Any], columns: int, size_pt: float
+) -> tuple[Legend, float]:
+    """A legend of handles by their labels at the top of a figure, and its height in inches."""
+    top = 1 - PAD_IN / figure.get_figheight()
+    how: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, top), "ncols": columns}
+    legend = figure.legend(list(entries.values()), list(entries), **how)
+    # Half a line is below each.
+    return legend, line_in(size_pt, 1.5 * -(-len(entries) // columns))
 
 
 def line_in(size_pt: Any, lines: float = 1) -> float:

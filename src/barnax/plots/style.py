@@ -21,7 +21,7 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
-from .layout import PAD_IN, arrange, line_in
+from .layout import PAD_IN, add_legend, arrange, line_in
 
 if TYPE_CHECKING:
     from ..results import Result
@@ -211,24 +211,15 @@ def finish(
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, handle)
     above_in = beside_in = 0.0
-    width_in, height_in = figure.get_size_inches()
     if entries:
         columns = min(columns, _layout.get().max_in_legend)
-        legend = figure.legend(
-            list(entries.values()),
-            list(entries),
-            loc="upper center",
-            ncols=columns,
-            bbox_to_anchor=(0.5, 1 - PAD_IN / height_in),
-        )
+        legend, above_in = add_legend(figure, entries, columns, letters_pt(LEGEND_PT))
         for text in legend.get_texts():
             show_name(text)
-        rows = -(-len(entries) // columns)
-        # With half a line below each.
-        above_in = line_in(letters_pt(LEGEND_PT), 1.5 * rows)
     if beside:
         beside_in = line_in(letters_pt(9))
-        figure.supylabel(beside, x=PAD_IN / width_in, fontsize=letters_pt(9))
+        left = PAD_IN / figure.get_figwidth()
+        figure.supylabel(beside, x=left, fontsize=letters_pt(9))
     # The number of ticks, and with it the length of their labels, follows from a panel's size.
     for _ in range(2):
         arrange(figure, panels, above_in, beside_in, bar)

@@ -173,7 +173,7 @@ def test_another_source_version_or_processor_is_another_file(changed, monkeypatc
         monkeypatch.setattr(programs, "_hash_of", lambda package: b"another")
     else:
         of = {"versions": ("importlib.metadata.version", lambda name: "0")}
-        of["processor"] = ("barnax.programs._processor", lambda: ["flags: fpu"])
+        of["processor"] = ("barnax.programs.PROCESSOR", programs.PROCESSOR[1:])
         programs._surroundings.cache_clear()
         monkeypatch.setattr(*of[changed])
     after = programs.path_of(total, [SOUND])

@@ -8,8 +8,6 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
 from contextlib import AbstractContextManager, nullcontext
 from contextvars import ContextVar
-from dataclasses import dataclass
-from itertools import compress
 from typing import Any, ParamSpec, TypeVar
 
 import equinox as eqx
@@ -89,46 +87,27 @@ def compile_for(function: Callable[..., Outcome], *arguments: Any) -> Callable[.
         return _programs[wanted]
 
 
-@dataclass(frozen=True)
-class _Program:
-    """A function that is compiled, and which leaves of its arguments are arrays."""
-
-    compiled: Any
-    is_array: Sequence[bool]
-
-    def __call__(self, *arguments: Any) -> Any:
-        return self.compiled([*compress(jax.tree.leaves(arguments), self.is_array)])
-
-
-def _program(function: Callable[..., Any], arguments: Sequence[Any]) -> _Program:
+def _program(function: Callable[..., Outcome], arguments: Sequence[Any]) -> Callable[..., Outcome]:
     """The function as its kept program, or else compiled, and kept."""
-    leaves, structure = jax.tree.flatten(arguments)
-    is_array = [eqx.is_array(leaf) for leaf in leaves]
     path = programs.path_of(function, arguments)
     compiled = None if path is None else programs.load(path)
-    if compiled is not None:
-        return _Program(compiled, is_array)
-    arrays = [*compress(leaves, is_array)]
-    # Without the arrays: a program outlives its first arguments.
-    others = [None if is_array else leaf for leaf, is_array in zip(leaves, is_array, strict=True)]
+    if compiled is None:
+        arrays, others = eqx.partition(arguments, eqx.is_array)
 
-    def of_arrays(arrays: Sequence[Any]) -> Any:
-        left = iter(arrays)
-        pairs = zip(others, is_array, strict=True)
-        filled = [next(left) if is_array else other for other, is_array in pairs]
-        return function(*jax.tree.unflatten(structure, filled))
+        def of_arrays(arrays: Any) -> Outcome:
+            return function(*eqx.combine(arrays, others))
 
-    of_arrays.__name__ = programs.name_of(function)
-    if path is not None:
-        # JAX cannot write what it has read from its own cache, so that must not know this one.
-        of_arrays.__name__ += f"_{uuid.uuid4().hex}"
-    compiled = _compile(of_arrays, arrays)
-    if path is not None:
-        programs.keep(compiled, path)
-    return _Program(compiled, is_array)
+        of_arrays.__name__ = programs.name_of(function)
+        if path is not None:
+            # JAX cannot write what it has read from its own cache, so that must not know this one.
+            of_arrays.__name__ += f"_{uuid.uuid4().hex}"
+        compiled = _compile(of_arrays, arrays)
+        if path is not None:
+            programs.keep(compiled, path)
+    return lambda *given: compiled(eqx.filter(given, eqx.is_array))
 
 
-def _compile(of_arrays: Callable[..., Any], arrays: Sequence[Any]) -> Any:
+def _compile(of_arrays: Callable[[Any], Any], arrays: Any) -> Any:
     def compiled() -> Any:
         # A new function each time: JAX remembers what it traced of one that it knows.
         return jax.jit(functools.partial(of_arrays)).lower(arrays).compile()

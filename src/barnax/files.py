@@ -142,17 +142,6 @@ def locked(folder: Path) -> Iterator[None]:
         yield
 
 
-def is_private_folder(path: Path) -> bool:
-    """True where a folder is this user's, and nobody else can write to it; it is made if it is not
-    there. Systems without users and modes have none."""
-    if not hasattr(os, "geteuid"):
-        return False
-    with suppress(OSError):
-        path.mkdir(mode=0o700, parents=True, exist_ok=True)
-        return _is_private(path.lstat())
-    return False
-
-
 def _is_private(status: os.stat_result) -> bool:
     """True for what belongs to this user and has no right to write for others; never for a link."""
     return status.st_uid == os.geteuid() and not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
@@ -176,10 +165,13 @@ def read_private(path: Path) -> bytes | None:
 
 
 def write_private(path: Path, content: bytes) -> None:
-    """Put `content` into a file that nobody but this user can read or write, as `write_whole`."""
-    with replacing(path) as file:
-        os.chmod(path=file.fileno(), mode=stat.S_IRUSR | stat.S_IWUSR)
-        file.write(content)
+    """Put `content` into a file that nobody but this user can read or write, as `write_whole`; not
+    in a folder that others can write to."""
+    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    if _is_private(path.parent.lstat()):
+        with replacing(path) as file:
+            os.chmod(file.fileno(), stat.S_IRUSR | stat.S_IWUSR)
+            file.write(content)
 
 
 def remove_oldest(folder: Path, most_bytes: int) -> None:

@@ -22,14 +22,14 @@ import pickletools
 import platform
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
 from jax.experimental import serialize_executable
 
 from . import LOADED_S
-from .files import is_private_folder, read_private, remove_oldest, write_private
+from .files import read_private, remove_oldest, write_private
 
 # In the folder of JAX's own cache.
 FOLDER = "barnax-programs"
@@ -48,14 +48,6 @@ SETTLED_S = 2.0
 DIGEST_BYTES = hashlib.sha256().digest_size
 
 
-class _Shape(NamedTuple):
-    """An array, as far as a program depends on it."""
-
-    shape: tuple[int, ...]
-    dtype: str
-    is_weak: bool
-
-
 def path_of(function: Callable[..., Any], arguments: Sequence[Any]) -> Path | None:
     """The file of a function's program for arguments of these shapes and other values; None where
     none is kept: JAX's cache is off, JAX computes elsewhere than on one CPU, or what the program is
@@ -65,15 +57,15 @@ def path_of(function: Callable[..., Any], arguments: Sequence[Any]) -> Path | No
     is_on = cache and settings.jax_enable_compilation_cache
     if not is_on or jax.default_backend() != "cpu" or jax.device_count() > 1:
         return None
-    folder, surroundings = Path(cache) / FOLDER, _surroundings()
-    if surroundings is None or not is_private_folder(folder):
+    surroundings = _surroundings()
+    if surroundings is None:
         return None
     parts = surroundings, _source(), _settings(), _request(function, arguments)
     if None in parts:
         return None
     # In full: these are texts, bytes and numbers.
     made_from = hashlib.sha256(repr(parts).encode()).hexdigest()
-    return folder / f"{name_of(function)}-{made_from}"
+    return Path(cache) / FOLDER / f"{name_of(function)}-{made_from}"
 
 
 def name_of(function: Callable[..., Any]) -> str:
@@ -87,11 +79,10 @@ def _request(function: Callable[..., Any], arguments: Sequence[Any]) -> bytes | 
     None where that is not possible, or where something is of a package that has no version here.
     """
     leaves, structure = jax.tree.flatten(arguments)
-    shapes = [
-        _Shape(leaf.shape, str(leaf.dtype), getattr(leaf, "weak_type", False))
-        if eqx.is_array(leaf)
-        else leaf
-        for leaf in leaves
+    is_array = [eqx.is_array(leaf) for leaf in leaves]
+    leaves = [
+        (leaf.shape, str(leaf.dtype), getattr(leaf, "weak_type", False)) if of else leaf
+        for leaf, of in zip(leaves, is_array, strict=True)
     ]
     text = io.BytesIO()
     # Of this protocol, which names what it refers to in one piece.
@@ -99,7 +90,7 @@ def _request(function: Callable[..., Any], arguments: Sequence[Any]) -> bytes | 
     # Equal values are equal bytes, whether or not they are one object.
     pickler.fast = True
     try:
-        pickler.dump((function, jax.tree.unflatten(structure, shapes)))
+        pickler.dump((function, is_array, jax.tree.unflatten(structure, leaves)))
     except (pickle.PicklingError, AttributeError, TypeError, ValueError):
         return None
     named = (
@@ -120,7 +111,7 @@ def _settings() -> tuple[Any, ...] | None:
     if environment.get("XLA_FLAGS", "-").lstrip()[:1] not in ("-", ""):
         return None
     settings = {
-        name: repr(getattr(jax.config, name, value))
+        name: getattr(jax.config, name, value)
         for name, value in sorted(jax.config.values.items())
         if name != "jax_compilation_cache_dir"
     }
@@ -150,21 +141,12 @@ def _hash_of(package: Path) -> bytes:
 
 @functools.cache
 def _surroundings() -> tuple[Any, ...] | None:
-    """The processor and the versions beside barnax; None where one is not known."""
-    processor = _processor()
-    if processor is None:
-        return None
-    versions = [importlib.metadata.version(name) for name in TRACED]
-    return processor, versions, platform.python_version(), platform.libc_ver()
-
-
-def _processor() -> list[str] | None:
-    """What is special of the processor, as Linux says it."""
+    """The processor, as Linux describes it, and the versions beside barnax; None elsewhere."""
     path = Path("/proc/cpuinfo")
-    if not path.exists():
-        return None
-    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
-    return sorted({line for line in lines if line.partition(":")[0].strip() in PROCESSOR}) or None
+    lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+    processor = sorted({line for line in lines if line.partition("\t")[0] in PROCESSOR})
+    versions = [importlib.metadata.version(name) for name in TRACED]
+    return (processor, versions, platform.python_version()) if processor else None
 
 
 def load(path: Path) -> Any | None:

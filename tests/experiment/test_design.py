@@ -317,4 +317,4 @@ def test_all_forms_hold_the_same_current(pulsed, tmp_path):
 )
 def test_what_cannot_be_is_refused_with_what_to_do(asked, words):
     with pytest.raises(InputError, match=words):
-        barnax.design(**asked)
+        quick_design(**asked, blocks=few_blocks())

@@ -50,6 +50,18 @@ def test_help_answers_without_jax(words):
     assert not loaded_by(code) & HEAVY
 
 
+def test_a_file_is_checked_without_jax_and_figures():
+    code = (
+        "import sys; from barnax import bundled_file\n"
+        "sys.argv = ['barnax', 'check', str(bundled_file('ocv_charge'))]\n"
+        "from barnax.__main__ import main\n"
+        "try: main()\n"
+        "except SystemExit: pass"
+    )
+    assert "polars" in (loaded := loaded_by(code))
+    assert not loaded & {"jax", "equinox", "optimistix", "matplotlib"}
+
+
 def test_the_version_is_one_everywhere():
     assert python("-m", "barnax", "--version") == f"barnax {barnax.__version__}\n"
     assert barnax.__version__ == importlib.metadata.version("barnax")

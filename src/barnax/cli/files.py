@@ -62,9 +62,8 @@ def check(what: Checked) -> None:
     session = Session(is_quiet=what.quiet or what.as_json)
     with session.watch("Loading"):
         from ..inputs import how_read, lags_of, require_records
-        from ..plan.looking import files_of
         from ..records import read_source
-        from ..records.source import name_of
+        from ..records.source import files_of, name_of
 
     for name, unit in (("capacity", "Ah"), ("rest_current", "A")):
         if (value := getattr(what, name)) is not None and not value > 0:

@@ -11,6 +11,7 @@ from ..inputs import listed, windows_by_name
 from ..model.window import Window, Windows
 from ..notices import Notice
 from ..records import Given
+from ..records.source import files_of
 from ..settings import OVER_TEMPERATURE, Reading
 from .document import Plan
 from .draft import (
@@ -24,7 +25,7 @@ from .draft import (
     why_useless,
     words_of,
 )
-from .looking import CandidateFile, Files, by_temperature, files_of, is_same_degc, look, split
+from .looking import CandidateFile, Files, by_temperature, is_same_degc, look, split
 from .ocv import DIGITS, SHOWN, OcvChoice, ocv_at, ocv_reason, record_capacity_ah, started
 
 # What is identified on, the kinds that show the most of a load first.

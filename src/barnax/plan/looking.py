@@ -3,7 +3,6 @@
 A file that holds a whole schedule is cut into its tests, by full charges and by OCV sweeps.
 """
 
-import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -17,7 +16,7 @@ from ..cell import OcvTable, read_ocv_table
 from ..cell.model import REFERENCE_DEGC, SAME_DEGC, group_near
 from ..checks import Role, check_file
 from ..checks.traits import NO_TRAITS, Kind, Traits
-from ..errors import InputError, printable
+from ..errors import InputError
 from ..execution import Watch
 from ..inputs import file_names, source_of, window_of
 from ..model.window import START, Window
@@ -28,9 +27,6 @@ from .document import merged
 
 # Kinds of tests that have a role.
 SERVING = ("OCV test", "slow sweep", "pulse test", "drive cycle")
-# What lies in a folder beside measured files, and is no candidate for one.
-_BESIDE = (".toml", ".json")
-_TEMPORARY = (".", "~$")
 # Quantiles of the current by which two profiles are told apart, and by how much of the larger peak
 # they differ on average.
 _QUANTILES = np.linspace(0.05, 0.95, 19)
@@ -133,38 +129,6 @@ class CandidateFile:
 
 
 Files = Sequence[CandidateFile]
-
-
-def files_of(sources: Sequence[Any], folders: Sequence[Path] = ()) -> list[Any]:
-    """The files of what was given, folders replaced by the files in them and in their folders, and
-    names that are no files here by those in one of `folders`.
-
-    Raises `InputError` for a folder without files.
-    """
-    files: list[Any] = []
-    for source in sources:
-        if isinstance(source, str | Path) and not os.path.exists(source):
-            there = (folder / source for folder in folders if folder.is_dir())
-            source = next((path for path in there if path.exists()), source)
-        is_folder = isinstance(source, str | Path) and os.path.isdir(source)
-        inside = list(_inside(Path(source))) if is_folder else [source]
-        if not inside:
-            name = printable(str(source))
-            raise InputError(f"{name}: has no files; give the folder with the records of a cell")
-        files += inside
-    return files
-
-
-def _inside(folder: Path) -> Iterator[Path]:
-    """The files in a folder and in its folders, but for results."""
-    for path in sorted(folder.iterdir()):
-        if path.name.startswith(_TEMPORARY):
-            continue
-        if not path.is_dir():
-            yield from [path] if path.suffix.lower() not in _BESIDE else []
-        elif os.access(path, os.R_OK) and not (path / "result.json").exists():
-            # A link may lead back.
-            yield from [] if folder.resolve().is_relative_to(path.resolve()) else _inside(path)
 
 
 def look(

@@ -3,7 +3,7 @@
 import hashlib
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
@@ -34,6 +34,9 @@ _CONTENT = {
 }
 _LONGEST_WARNING = 200
 _MAX_IN_SERIES = 1000
+# What lies in a folder beside measured files, and is no candidate for one.
+_BESIDE = (".toml", ".json")
+_TEMPORARY = (".", "~$")
 
 
 def examine_suffix(file: str, content: bytes) -> tuple[Notice, ...]:
@@ -277,3 +280,35 @@ def _read_content(path: Path) -> bytes:
         reason = str(getattr(error, "strerror", None) or error)
     told = {"reason": reason, "limit_gb": LARGEST_FILE / 1e9}
     raise Notice("file.unreadable", told, str(path)).error(".")
+
+
+def files_of(sources: Sequence[Any], folders: Sequence[Path] = ()) -> list[Any]:
+    """The files of what was given, folders replaced by the files in them and in their folders, and
+    names that are no files here by those in one of `folders`.
+
+    Raises `InputError` for a folder without files.
+    """
+    files: list[Any] = []
+    for source in sources:
+        if isinstance(source, str | Path) and not os.path.exists(source):
+            there = (folder / source for folder in folders if folder.is_dir())
+            source = next((path for path in there if path.exists()), source)
+        is_folder = isinstance(source, str | Path) and os.path.isdir(source)
+        inside = list(_inside(Path(source))) if is_folder else [source]
+        if not inside:
+            name = printable(str(source))
+            raise InputError(f"{name}: has no files; give the folder with the records of a cell")
+        files += inside
+    return files
+
+
+def _inside(folder: Path) -> Iterator[Path]:
+    """The files in a folder and in its folders, but for results."""
+    for path in sorted(folder.iterdir()):
+        if path.name.startswith(_TEMPORARY):
+            continue
+        if not path.is_dir():
+            yield from [path] if path.suffix.lower() not in _BESIDE else []
+        elif os.access(path, os.R_OK) and not (path / "result.json").exists():
+            # A link may lead back.
+            yield from [] if folder.resolve().is_relative_to(path.resolve()) else _inside(path)

@@ -94,7 +94,7 @@ def read_inputs(
             (role, source.logged_by(loggers), sampled(taken, loggers))
             for role, source, taken in looked_at
         ]
-        _require_voltages([*dynamic, *further])
+        require_voltages([*dynamic, *further])
         _require_different([*dynamic, *further])
         # A table has no samples of its own.
         _require_different([test for test in ocv_records if isinstance(test, Record)])
@@ -218,7 +218,7 @@ def read_validation(
         return given, []
     source = source_of(given, {}, reading)
     record = read_record(source, **how_read(reading, source.name, "validation"))
-    _require_voltages([record])
+    require_voltages([record])
     looked_at = [("validation", source, record)]
     return record, _checked(looked_at, cell, None, choose(record), reading, identified)
 
@@ -356,7 +356,7 @@ def _shortest_own_name(path: Path, others: set[Path]) -> str:
     return path.name
 
 
-def _require_voltages(records: Sequence[Record]) -> None:
+def require_voltages(records: Sequence[Record]) -> None:
     """Raise `InputError` for a record of one and the same voltage, which reading warns of."""
     for record in records:
         doubts = (one for one in record.warnings if one.code == "voltage-unit.constant")

@@ -4,9 +4,11 @@ import numpy as np
 import polars as pl
 import pytest
 
+import barnax
 from barnax.bundled import bundled_file
 from barnax.checks import check_file
 from barnax.checks.traits import _half_width
+from barnax.errors import InputError
 from helpers.records import CURRENT, VOLTAGE, checked, frame, logged
 
 
@@ -22,6 +24,16 @@ def test_a_voltage_that_never_moves_is_named_and_not_the_current(tmp_path):
         assert (found[role].is_usable, found[role].reason) == (False, "every voltage is 3.7 V")
         assert found[role].half_width is None
     assert outcome.traits.kind(2.0) == outcome.traits.kind(None) == "no test"
+
+
+def test_an_ocv_test_of_one_voltage_is_none(tmp_path):
+    table = frame("ocv_charge").with_columns(pl.lit(3.7).alias(VOLTAGE))
+    found = roles(checked(tmp_path, table))["OCV test"]
+    assert not found.is_usable
+    assert "every voltage is 3.7 V" in found.reason
+    # It is no pulse test either.
+    with pytest.raises(InputError, match=r"every voltage in .* is 3.7 V"):
+        barnax.hppc(table)
 
 
 @pytest.mark.parametrize("name", ["identification", "validation"])

@@ -63,6 +63,8 @@ def find_sweeps(
     """
     if record.span_ah == 0:
         return _no_test(record, "no charge passed")
+    if not np.ptp(record.voltage_v):
+        return _no_test(record, f"every voltage is {record.voltage_v[0]:.6g} V")
     if rest_current_a is None:
         # A capacity given in mAh would turn the whole record into one rest.
         rest_current_a = record.rest_current_a(min(capacity_ah or math.inf, record.span_ah))

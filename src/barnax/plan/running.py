@@ -14,7 +14,16 @@ import numpy as np
 from ..cell import CellModel, characterize_over_temperature
 from ..cell.model import REFERENCE_DEGC, group_near
 from ..errors import InputError
-from ..inputs import file_names, how_read, listed, numbered, source_of, window_of, windows_by_name
+from ..inputs import (
+    file_names,
+    how_read,
+    listed,
+    numbered,
+    require_voltages,
+    source_of,
+    window_of,
+    windows_by_name,
+)
 from ..job import PLANNED, Job
 from ..model.window import Window, temperature_of
 from ..pulses import Pulse, first_pulse
@@ -163,6 +172,7 @@ def _read(given: Sequence[Any], reading: Reading) -> list[_Test]:
         is_record = isinstance(file, Record)
         source = numbered(file if is_record else source_of(file, names, reading), called)
         record = source if is_record else read_record(source, **how_read(reading, source.name))
+        require_voltages([record])
         pulse = first_pulse(record)
         if pulse is None:
             raise InputError(

@@ -65,3 +65,13 @@ def test_slow_pairs_buy_no_r0_beyond_what_steps_show():
     inside = [one for one in own.of_table("R0 [Ohm]") if one.soc in nodes]
     assert len(inside) == 4
     assert all(one.low is not None and one.low <= SHOWN_OHM <= one.high for one in inside)
+
+
+def test_no_interval_of_r0_excludes_what_rare_steps_show():
+    """Of a circuit with a fast pair that is wrong, R0 makes up for it."""
+    fixed = {"tau1 [s]": 2.0, "R1 [Ohm]": 0.03}
+    settings = TableSettings(**{**vars(QUICK), "fixed": fixed})
+    fit = fit_tables([titrated(2e-4)], settings)
+    inside = [one for one in fit.of_table("R0 [Ohm]") if one.soc in NODES[1:5]]
+    assert max(one.value for one in inside) < SHOWN_OHM - 5e-3
+    assert all(one.high is not None and one.high >= SHOWN_OHM - 1e-3 for one in inside)

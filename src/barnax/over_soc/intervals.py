@@ -96,11 +96,13 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
         joint = float(weights @ moves.by_best_nuisances)
         low = None if below is None else min(value, min(unmoved) + joint - below[1])
         high = None if above is None else max(value, max(unmoved) + joint + above[1])
-        if name == OHMIC and high is None and low is not None and np.any(sides == 1):
-            # At most what steps show, R0 may be as little as that by their error.
-            here = np.flatnonzero(weights[: objective.nodes])
-            shown_ohm, reach_ohm = (weights[here] @ one[here] for one in objective.shown_r0_ohm)
-            low, high = min(low, float(shown_ohm - reach_ohm)), value
+        here = np.flatnonzero(weights[: objective.nodes])
+        shown_ohm, reach_ohm = (weights[here] @ one[here] for one in objective.shown_r0_ohm)
+        if name == OHMIC and low is not None and reach_ohm < np.inf:
+            # Its bound, where it ends there, is what steps show with their error; else their few
+            # samples weigh too little for an interval that excludes what they show.
+            low = low if high is not None else min(low, float(shown_ohm - reach_ohm))
+            high = max(value if high is None else high, float(shown_ohm))
         if low is not None and name.startswith(("R", HALF_HYSTERESIS)):
             low = max(low, 0.0)
         return NodeInterval(name, soc, value, known[0] if known else 0.0, bias, low, high)

@@ -75,6 +75,9 @@ class Reduced:
         """The same for a circuit whose resistances have some of these nodes, or one value at every
         SOC: coarser hats are sums of finer ones. The OCV keeps its table, or has none."""
         layout = replace(self.layout, nodes=tuple(nodes), has_correction=has_ocv)
+        if (layout.nodes, has_ocv) == (self.layout.nodes, self.layout.has_correction):
+            # Factors are large: the same columns are shared, not copied.
+            return replace(self, order=None)
         to_coarser = hats(np.array(self.layout.nodes), nodes)
 
         def columns(name: str) -> Columns:

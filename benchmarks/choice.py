@@ -178,10 +178,14 @@ def summary(rows: Sequence[Row]) -> list[str]:
         "| records fitted to | sets | median | 90 % | 95 % | worst |",
         "|---|---|--:|--:|--:|--:|",
     ]
-    for count in sorted({len(row.records) for row in rows}):
-        regrets = [100 * row.regret for row in rows if len(row.records) == count]
+    counts = sorted({len(row.records) for row in rows})
+    groups = {str(count): (count,) for count in counts}
+    if len(counts) > 2:
+        groups["2 or more"] = tuple(counts[1:])
+    for name, group in groups.items():
+        regrets = [100 * row.regret for row in rows if len(row.records) in group]
         shares = " | ".join(f"{np.percentile(regrets, share):.1f} %" for share in PERCENTILES)
-        lines.append(f"| {count} | {len(regrets)} | {shares} |")
+        lines.append(f"| {name} | {len(regrets)} | {shares} |")
     return lines
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from typer.main import get_command
 
 from barnax.__main__ import SIGNALS, main
@@ -37,7 +38,8 @@ tree_of = cache(get_command)
 
 
 def run_command(*words: object) -> Outcome:
-    """`barnax` with these words, its streams caught. What is no exit is raised."""
+    """`barnax` with these words, its streams caught. What is no exit is raised. Pictures are not
+    laid out, which takes as long as drawing them; how they look is tested where they are made."""
     out, err = io.StringIO(), io.StringIO()
     argv, sys.argv = sys.argv, ["barnax", *map(str, words)]
     handlers = {number: signal.getsignal(number) for number in SIGNALS}
@@ -47,6 +49,7 @@ def run_command(*words: object) -> Outcome:
             contextlib.redirect_stderr(err),
             pytest.MonkeyPatch.context() as patch,
         ):
+            patch.setattr(ConstrainedLayoutEngine, "execute", lambda *_: None)
             patch.setattr("typer.main.get_command", tree_of)
             main()
         status = 0

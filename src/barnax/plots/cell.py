@@ -134,10 +134,10 @@ def plot_pulses(evaluation: "Evaluation", pulses: Sequence[Pulse]) -> Figure:
             _draw_pulse(axes, evaluation, pulse, colors(pulse.soc))
     _from_zero(panels)
     scale = ScalarMappable(Normalize(0.0, 1.0), colors)
-    bar = figure.colorbar(scale, cax=figure.add_axes((0.9, 0.1, 0.02, 0.8)))
+    bar = figure.colorbar(scale, ax=list(panels), pad=0.02, aspect=40)
     bar.set_label(style.SOC_LABEL)
     bar.ax.tick_params(which="both", **style.scaled(style.TICKS))
-    return style.finish(figure, *panels, bar=bar.ax)
+    return style.finish(figure, *panels)
 
 
 def _draw_pulse(axes: Axes, evaluation: "Evaluation", pulse: Pulse, color: object) -> None:

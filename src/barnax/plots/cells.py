@@ -88,8 +88,7 @@ def plot_pack(fit: "PackFit", odd: Collection[tuple[str, str]] = (), weakest: st
     names = numbers_of([cell.name for cell in fit.cells])[::step]
     is_long = max(map(len, names)) > 4
     ticks = np.arange(1, len(fit.cells) + 1, step)
-    panels[-1].set_xticks(ticks, names)
-    panels[-1].tick_params(axis="x", labelrotation=90 if is_long else 0)
+    panels[-1].set_xticks(ticks, names, rotation=90 if is_long else 0)
     panels[-1].set_xlim(0.5, len(fit.cells) + 0.5)
     style.title(panels[0], "95 % intervals; dashed: the median; ring: the weakest cell")
     return style.finish(figure, *panels)

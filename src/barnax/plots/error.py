@@ -66,6 +66,7 @@ def plot_error(evaluations: "Evaluation | Mapping[str, Evaluation]") -> Figure:
         figure = style.make_figure(height_in=AROUND_STRIPS_IN + STRIP_IN * len(rows.shown))
         layout: dict[str, Any] = {"sharey": True, "sharex": "col", "width_ratios": [1.9, 1.0]}
         panels = figure.subplots(len(rows.shown), 2, squeeze=False, **layout)
+        figure.supylabel(ERROR_LABEL.replace("\n", " "), fontsize=style.letters_pt(9))
     limits = _common_limits(rows)
     for (over_time, over_soc), (label, row) in zip(panels, rows.shown.items(), strict=True):
         rmse = f"{1e3 * row.metrics.rmse_v:.3g} mV"
@@ -89,8 +90,7 @@ def plot_error(evaluations: "Evaluation | Mapping[str, Evaluation]") -> Figure:
     panels[-1, 0].set_xlabel(clock.label)
     panels[-1, 1].set_xlabel(style.SOC_LABEL)
     style.title(panels[0, 0], rows.title)
-    beside = "" if rows.is_one else ERROR_LABEL.replace("\n", " ")
-    return style.finish(figure, *panels.flat, columns=4, legend_of=panels[0], beside=beside)
+    return style.finish(figure, *panels.flat, columns=4, legend_of=panels[0])
 
 
 def _draw_errors(

@@ -131,6 +131,8 @@ def _plot_errors(
     history_mv = 1e3 * padded([seed.history_v for seed in seeds])
     spent = population, [seed.evaluations for seed in seeds]
     count = 2 if lowest_mv > 0 else 1
+    # No label is nearer to the panel left of it.
+    figure.set_layout_engine("constrained", wspace=0.08 if count > 1 else None)
     rmse, *excess = figure.subplots(1, count, squeeze=False)[0]
     _draw_seeds(rmse, *spent, history_mv)
     rmse.set(ylabel="Best RMSE [mV]", yscale="log")

@@ -21,8 +21,6 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
-from .layout import PAD_IN, add_legend, arrange, line_in
-
 if TYPE_CHECKING:
     from ..results import Result
 
@@ -41,7 +39,6 @@ PURPLE: Final = "#CC79A7"
 GREY: Final = "#9A9A9A"
 SHADE: Final = "#E4E4E4"
 
-LEGEND_PT: Final = 8.5
 STYLE: Final[dict[Any, Any]] = {
     "figure.dpi": 150,
     "font.size": 9,
@@ -51,12 +48,10 @@ STYLE: Final[dict[Any, Any]] = {
     "axes.spines.top": False,
     "axes.titlelocation": "left",
     "axes.titlesize": 9,
-    # Where it stands is not found by drawing first.
-    "axes.titley": 1.0,
     "axes.xmargin": 0.01,
     "legend.borderaxespad": 0.2,
     "legend.columnspacing": 1.6,
-    "legend.fontsize": LEGEND_PT,
+    "legend.fontsize": 8.5,
     "legend.frameon": False,
     "legend.handlelength": 2.4,
     "lines.linewidth": 1.0,
@@ -170,7 +165,7 @@ class ShownFigure(Figure):
 def make_figure(height_in: float = HEIGHT_IN) -> Figure:
     """An empty figure that no pyplot knows of, as wide as the layout says."""
     layout = _layout.get()
-    return ShownFigure(figsize=(layout.width_in, layout.height * height_in))
+    return ShownFigure(figsize=(layout.width_in, layout.height * height_in), layout="constrained")
 
 
 def make_panels(
@@ -191,38 +186,28 @@ def make_panels(
 
 
 def finish(
-    figure: Figure,
-    *panels: Axes,
-    columns: int = 3,
-    legend_of: Sequence[Axes] | None = None,
-    beside: str = "",
-    bar: Axes | None = None,
+    figure: Figure, *panels: Axes, columns: int = 3, legend_of: Sequence[Axes] | None = None
 ) -> Figure:
-    """The figure with its panels in place, ticks, a grid behind the data, and above it, where it
-    hides no data, one legend of all labels in `legend_of`, by default the panels; none where there
-    is no label. `beside` names the y axes of all panels, and `bar` is a scale of colors."""
+    """The figure with ticks, a grid behind the data, labels of one column or row at one height,
+    and above it, where it hides no data, one legend of all labels in `legend_of`, by default the
+    panels; none where there is no label."""
     for axes in panels:
         axes.tick_params(which="major", **scaled(TICKS))
         axes.tick_params(which="minor", **scaled(MINOR_TICKS))
         axes.grid(visible=True, which="major", **GRID)
         axes.set_axisbelow(True)
+    figure.align_ylabels(panels)
     entries = {}
     for axes in panels if legend_of is None else legend_of:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, handle)
-    above_in = beside_in = 0.0
     if entries:
         columns = min(columns, _layout.get().max_in_legend)
-        legend, above_in = add_legend(figure, entries, columns, letters_pt(LEGEND_PT))
+        legend = figure.legend(
+            list(entries.values()), list(entries), loc="outside upper center", ncols=columns
+        )
         for text in legend.get_texts():
             show_name(text)
-    if beside:
-        beside_in = line_in(letters_pt(9))
-        left = PAD_IN / figure.get_figwidth()
-        figure.supylabel(beside, x=left, fontsize=letters_pt(9))
-    # The number of ticks, and with it the length of their labels, follows from a panel's size.
-    for _ in range(2):
-        arrange(figure, panels, above_in, beside_in, bar)
     return figure
 
 

@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float
 from scipy.linalg import block_diag
 
 from ..cell.elements import alike, rungs_of
-from ..cell.parameters import HALF_HYSTERESIS, OCV, OCV_CORRECTION, OHMIC, CircuitParameters
+from ..cell.parameters import HALF_HYSTERESIS, OCV, OCV_CORRECTION, CircuitParameters
 from ..cell.soc_axis import is_above
 from ..execution import in_float64
 from ..model.exponentials import span_through
@@ -96,13 +96,6 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
         joint = float(weights @ moves.by_best_nuisances)
         low = None if below is None else min(value, min(unmoved) + joint - below[1])
         high = None if above is None else max(value, max(unmoved) + joint + above[1])
-        here = np.flatnonzero(weights[: objective.nodes])
-        shown_ohm, reach_ohm = (weights[here] @ one[here] for one in objective.shown_r0_ohm)
-        if name == OHMIC and low is not None and reach_ohm < np.inf:
-            # Its bound, where it ends there, is what steps show with their error; else their few
-            # samples weigh too little for an interval that excludes what they show.
-            low = low if high is not None else min(low, float(shown_ohm - reach_ohm))
-            high = max(value if high is None else high, float(shown_ohm))
         if low is not None and name.startswith(("R", HALF_HYSTERESIS)):
             low = max(low, 0.0)
         return NodeInterval(name, soc, value, known[0] if known else 0.0, bias, low, high)

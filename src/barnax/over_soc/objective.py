@@ -21,7 +21,6 @@ from ..model.prepared import PreparedRecord
 from ..model.reduced import Columns, Reduced
 from ..model.sampling import LEAST_SHARE
 from ..model.search_space import Range
-from ..model.steps import shown_r0_ohm
 from .settings import TableSettings
 
 # A hysteresis beside an OCV that is fitted with it is measured from none: one that turns slowly
@@ -104,8 +103,7 @@ class TableObjective(LinearObjective):
         settings, layout, records = self.settings, self.reduced.layout, self.prepared_records
         nodes, ridge = np.array(layout.nodes), settings.voltage_ridge
         zero, infinite = np.zeros(len(nodes)), np.full(len(nodes), np.inf)
-        shown_ohm, reach_ohm = self.shown_r0_ohm
-        limits = {OHMIC: (self.least_r0_ohm, shown_ohm + reach_ohm)} | settings.ranges
+        limits = {OHMIC: (self.least_r0_ohm, np.inf)} | settings.ranges
         given = records[0].capacity_ah, settings.resistance_ridge
         tables = []
         for name in (OHMIC, *(element.resistance for element in names_of(self.elements))):
@@ -248,17 +246,6 @@ class TableObjective(LinearObjective):
         if OHMIC in self.settings.ranges:
             return 0.0
         return LEAST_SHARE * min(record.step_ohm for record in self.prepared_records)
-
-    @cached_property
-    def shown_r0_ohm(self) -> tuple[Float[np.ndarray, "nodes"], Float[np.ndarray, "nodes"]]:
-        """What rare steps show of R0 at every node, which is the most that it can be, with half the
-        interval of that. One value at every SOC, a law that scales it, bounds that are given, and
-        records whose samples are not kept leave it open."""
-        nodes, records = np.array(self.reduced.layout.nodes), self.prepared_records
-        is_given = OHMIC in self.settings.ranges or records[0].dependence is not None
-        if is_given or self.is_kept or len(nodes) == 1:
-            return np.zeros(len(nodes)), np.full(len(nodes), np.inf)
-        return shown_r0_ohm(records, nodes)
 
     @cached_property
     def box(self) -> tuple[Float[np.ndarray, "unknowns"], Float[np.ndarray, "unknowns"]]:

@@ -170,17 +170,20 @@ def _in_both(*evaluations: Evaluation) -> Iterator[Float[np.ndarray, "scored"]]:
 
 def step_warnings(evaluation: Evaluation, parameters: CircuitParameters) -> Iterator[Notice]:
     """A notice where R0 is more than the record shows after steps of the current, in the median of
-    all steps and by more than its standard error."""
+    all steps and by more than its standard error; under a law of resistances, the circuit's answer
+    to them."""
     prepared = evaluation.prepared
     before, after = steps_of(prepared)
-    if len(before) < FEWEST_STEPS or parameters.dependence is not None:
+    if len(before) < FEWEST_STEPS:
         return
     step_a, after_s = (own[after] - own[before] for own in (prepared.current_a, prepared.time_s))
     own_ohm, shown_ohm = (
         (own_v[before] - own_v[after]) / step_a
         for own_v in (evaluation.simulated_v, prepared.voltage_v)
     )
-    above_ohm = parameters.at(OHMIC, prepared.soc[before]) - shown_ohm
+    has_law = parameters.dependence is not None
+    r0_ohm = own_ohm if has_law else parameters.at(OHMIC, prepared.soc[before])
+    above_ohm = r0_ohm - shown_ohm
     median_ohm = float(np.median(above_ohm))
     reach_ohm = reach_of(above_ohm - median_ohm, len(before) - 1)
     # The standard error of a median of normal values.

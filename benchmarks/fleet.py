@@ -125,7 +125,6 @@ def measure_alone(manifest: str, count: str, kind: str = "one circuit") -> dict:
     import jax
     import polars as pl
 
-    from barnax import programs as kept
     from barnax.fleet import read_manifest
     from barnax.fleet.rows import identify_rows
 
@@ -133,15 +132,6 @@ def measure_alone(manifest: str, count: str, kind: str = "one circuit") -> dict:
     handler = logging.Handler()
     handler.emit = lambda record: names.append(record.getMessage().split(" with ")[0])
     jax.config.update("jax_log_compiles", True)
-    load = kept.load
-
-    def counted(path: Path) -> object:
-        program = load(path)
-        if program is not None:
-            names.append(f"Compiling jit({path.name})")
-        return program
-
-    kept.load = counted
     for module in ("pxla", "dispatch", "compiler"):
         part = "interpreters." if module == "pxla" else ""
         logger = logging.getLogger(f"jax._src.{part}{module}")
@@ -154,9 +144,9 @@ def measure_alone(manifest: str, count: str, kind: str = "one circuit") -> dict:
         rows += identify_rows(cell, settings)
         spent.append(time.process_time() - start_s)
         programs.append(sum(name.startswith("Compiling") for name in names))
-    large = "_descend", "_respond", "rmse_of_all", "_errors_and_slopes"
+    large = {"_descend", "_respond", "rmse_of_all", "_errors_and_slopes"}
     compiled = [name for name in names if name.startswith("Compiling")]
-    large_programs = sum(name.partition("jit(")[2].startswith(large) for name in compiled)
+    large_programs = sum(name.partition("jit(")[2].strip(")") in large for name in compiled)
     half = len(cells) // 2
     failed = [row["error"] for row in rows if row["error"]]
     assert not failed, failed[0]

@@ -15,7 +15,7 @@ import pytest
 from xdist.remote import Producer
 from xdist.scheduler import LoadScopeScheduling
 
-from helpers.compiling import OF_THIS_RUN, QUICK_FLAGS
+from helpers.compiling import QUICK_FLAGS
 
 # Files that share what takes long run in one process: runs of the command and searches as small as
 # theirs, a result, seeds, fits, fonts, the syntax trees of the source. These and the longest files
@@ -87,7 +87,7 @@ def pytest_configure(config: pytest.Config) -> None:
     is_worker = hasattr(config, "workerinput")
     if not is_worker:
         if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
-            folder = tempfile.mkdtemp(prefix=OF_THIS_RUN)
+            folder = tempfile.mkdtemp(prefix="barnax-tests-")
             config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))
             os.environ["JAX_COMPILATION_CACHE_DIR"] = folder
         os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"

@@ -21,10 +21,8 @@ PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text
 # which a record becomes a report.
 LAYERS = (
     ("blas",),
-    ("display", "errors", "metrics", "devices"),
+    ("display", "errors", "metrics", "execution", "devices"),
     ("notices", "files", "settings"),
-    ("programs",),
-    ("execution",),
     ("schema", "bundled", "records", "optimizers"),
     ("cell",),
     ("checks", "model"),
@@ -53,8 +51,7 @@ GENERAL = {
     "metrics": set(),
     "errors": set(),
     "display": set(),
-    "execution": {"blas", "programs"},
-    "programs": {"files"},
+    "execution": {"blas"},
     "blas": set(),
     "devices": set(),
 }
@@ -65,8 +62,6 @@ READING = {
     "model/search_space.py",
     "plan/document.py",
 }
-# The source that a program is made from, and the processor.
-READING |= {"programs.py"}
 # Files within a file in memory.
 READING |= {"records/readers/content.py"}
 # The words of all that is told.
@@ -128,7 +123,7 @@ def units_imported(path: Path) -> set[str]:
     """The top-level modules of barnax that a file imports."""
     names = [name.split(".") for name in imports_of(path)]
     found = {name[1] for name in names if name[0] == "barnax" and len(name) > 1}
-    return found - {"__version__", "LOADED_S", unit_of(path)}
+    return found - {"__version__", unit_of(path)}
 
 
 def foreign_imports(path: Path) -> set[str]:

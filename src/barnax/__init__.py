@@ -4,15 +4,11 @@ Names are imported on first use: importing barnax loads no JAX, sets nothing and
 device. The public names are listed in `__init__.pyi`.
 """
 
-import time
-
 import lazy_loader
 
 from .display import HOOKS
 
 __version__ = "0.2.0"
-# Before any module is: what has changed since may not be what runs.
-LOADED_S = time.time()
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 HOOKS |= {
     "Result.load": "barnax.reopening:loaded",

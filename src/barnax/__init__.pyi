@@ -75,4 +75,3 @@ from .uncertainty import assess as assess
 from .uncertainty import examine as examine
 
 __version__: str
-LOADED_S: float

@@ -3,7 +3,6 @@
 import functools
 import os
 import threading
-import uuid
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, as_completed
 from contextlib import AbstractContextManager, nullcontext
@@ -15,7 +14,6 @@ import jax
 import numpy as np
 from jax.experimental.xla_metadata import set_xla_metadata
 
-from . import programs
 from .blas import one_blas_thread
 
 P = ParamSpec("P")
@@ -77,9 +75,9 @@ def compile_for(function: Callable[..., Outcome], *arguments: Any) -> Callable[.
         lock = _making.setdefault(wanted, threading.Lock())
     with lock:
         if wanted not in _programs:
-            program = _program(function, arguments)
+            compiled = _compile(function, arguments)
             with _guard:
-                _programs[wanted] = program
+                _programs[wanted] = compiled
                 while len(_programs) > PROGRAMS_KEPT:
                     oldest = next(iter(_programs))
                     del _programs[oldest]
@@ -87,30 +85,11 @@ def compile_for(function: Callable[..., Outcome], *arguments: Any) -> Callable[.
         return _programs[wanted]
 
 
-def _program(function: Callable[..., Outcome], arguments: Sequence[Any]) -> Callable[..., Outcome]:
-    """The function as its kept program, or else compiled, and kept."""
-    path = programs.path_of(function, arguments)
-    compiled = None if path is None else programs.load(path)
-    if compiled is None:
-        arrays, others = eqx.partition(arguments, eqx.is_array)
-
-        def of_arrays(arrays: Any) -> Outcome:
-            return function(*eqx.combine(arrays, others))
-
-        of_arrays.__name__ = programs.name_of(function)
-        if path is not None:
-            # JAX cannot write what it has read from its own cache, so that must not know this one.
-            of_arrays.__name__ += f"_{uuid.uuid4().hex}"
-        compiled = _compile(of_arrays, arrays)
-        if path is not None:
-            programs.keep(compiled, path)
-    return lambda *given: compiled(eqx.filter(given, eqx.is_array))
-
-
-def _compile(of_arrays: Callable[[Any], Any], arrays: Any) -> Any:
-    def compiled() -> Any:
+def _compile(function: Callable[..., Outcome], arguments: Sequence[Any]) -> Callable[..., Outcome]:
+    def compiled() -> Callable[..., Outcome]:
         # A new function each time: JAX remembers what it traced of one that it knows.
-        return jax.jit(functools.partial(of_arrays)).lower(arrays).compile()
+        jitted: Any = eqx.filter_jit(functools.partial(function))
+        return jitted.lower(*arguments).compile()
 
     if jax.default_backend() != "cpu":
         return compiled()

@@ -11,7 +11,6 @@ import io
 import os
 import re
 import signal
-import stat
 import threading
 import uuid
 from collections.abc import Iterable, Iterator, Sequence
@@ -140,50 +139,6 @@ def locked(folder: Path) -> Iterator[None]:
                 stack.callback(os.close, lock)
                 fcntl.flock(lock, fcntl.LOCK_EX)
         yield
-
-
-def _is_private(status: os.stat_result) -> bool:
-    """True for what belongs to this user and has no right to write for others; never for a link."""
-    return status.st_uid == os.geteuid() and not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
-
-
-def read_private(path: Path) -> bytes | None:
-    """The content of a file that nobody but this user can have written; None of any other.
-
-    Asked of what is open, so that nothing can be exchanged between the question and the reading.
-    """
-    with suppress(OSError), ExitStack() as stack:
-        folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
-        stack.callback(os.close, folder)
-        opened = os.open(path.name, os.O_RDONLY | os.O_NOFOLLOW, dir_fd=folder)
-        file = stack.enter_context(open(opened, "rb"))
-        if _is_private(os.fstat(folder)) and _is_private(os.fstat(opened)):
-            # What is used stays longest.
-            os.utime(opened)
-            return file.read()
-    return None
-
-
-def write_private(path: Path, content: bytes) -> None:
-    """Put `content` into a file that nobody but this user can read or write, as `write_whole`; not
-    in a folder that others can write to."""
-    path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-    if _is_private(path.parent.lstat()):
-        with replacing(path) as file:
-            os.chmod(file.fileno(), stat.S_IRUSR | stat.S_IWUSR)
-            file.write(content)
-
-
-def remove_oldest(folder: Path, most_bytes: int) -> None:
-    """Delete files of a folder, those unused for longest first, until the others fit."""
-    size = 0
-    # Another process may delete the same ones.
-    with suppress(OSError):
-        by_age = sorted((path.stat().st_mtime, path) for path in folder.iterdir())
-        for _, path in reversed(by_age):
-            size += path.stat().st_size
-            if size > most_bytes:
-                path.unlink(missing_ok=True)
 
 
 def restore(path: Path) -> None:

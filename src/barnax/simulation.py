@@ -192,7 +192,7 @@ def simulate_current(
     soc = start_soc - np.concatenate([[0.0], discharged_ah]) / cell.capacity_ah
     low, high = cell.soc_range
     # What was identified on may leave the OCV too, where its samples do not count.
-    lowest, highest = min(low, 0.0, *ends), max(high, 1.0, *ends)
+    lowest, highest = min(low, *ends), max(high, *ends)
     far = np.flatnonzero((soc < lowest - OCV_MARGIN) | (soc > highest + OCV_MARGIN))
     if len(far):
         raise InputError(

@@ -21,7 +21,7 @@ from helpers import golden
 
 from .conftest import BUDGET, OCV, contents, run_command
 
-ALWAYS = {"summary"}
+ALWAYS = {"summary", "validation-1-voltage", "validation-1-error"}
 
 
 @pytest.fixture(scope="module")

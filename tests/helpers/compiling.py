@@ -10,7 +10,5 @@ QUICK_FLAGS = (
     "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true "
     "--xla_cpu_parallel_codegen_split_count=1"
 ) + (" --xla_cpu_use_fusion_emitters=false" if _HAS_OLD_KERNELS else "")
-# How the name of a folder begins whose compiled programs go with the run.
-OF_THIS_RUN = "barnax-tests-"
 # What `jax.jit` takes for a program whose bits are to be those that users get.
 USERS_KERNELS = {"xla_cpu_use_fusion_emitters": True} if _HAS_OLD_KERNELS else {}

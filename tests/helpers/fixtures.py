@@ -9,7 +9,6 @@ import jax
 import pytest
 import threadpoolctl
 
-from barnax import programs
 from barnax.bundled import BUNDLED
 from barnax.cell import CIRCUITS, ELEMENTS, CellModel, characterize
 from barnax.model.problem import Problem, make_problem
@@ -19,7 +18,6 @@ from barnax.records import Record, read_record
 from barnax.search.refine import Refinement, refine
 from barnax.search.seeds import Search, search_seeds
 
-from .compiling import OF_THIS_RUN
 from .shared import SET, SHARED
 
 
@@ -31,13 +29,8 @@ def pytest_configure() -> None:
     )
     hypothesis.settings.load_profile("barnax")
     # JAX has read its settings already where it was imported before.
-    folder = os.environ["JAX_COMPILATION_CACHE_DIR"]
-    jax.config.update("jax_compilation_cache_dir", folder)
+    jax.config.update("jax_compilation_cache_dir", os.environ["JAX_COMPILATION_CACHE_DIR"])
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0)
-    if not Path(folder).name.startswith(OF_THIS_RUN):
-        # From run to run the source changes, and with it what a kept program is called: JAX's own
-        # cache, which knows what is compiled, outlives that.
-        programs.LOADED_S = 0.0
 
 
 @pytest.fixture(autouse=True)

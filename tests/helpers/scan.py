@@ -4,7 +4,7 @@ import jax
 from jaxtyping import Array, Float
 
 from barnax.cell import CircuitParameters
-from barnax.cell.elements import alike, get_element
+from barnax.cell.elements import alike
 from barnax.execution import as_input
 from barnax.model.simulate import RCParameters, SimulationInput, overpotential
 
@@ -13,7 +13,7 @@ def rc_parameters(parameters: CircuitParameters) -> RCParameters:
     """A circuit's values as the scan takes them. Call inside float64."""
     given = parameters.r0, parameters.r, parameters.tau_s, parameters.gamma
     are_pairs = alike(parameters.elements) == parameters.pairs
-    elements = () if are_pairs else tuple(map(get_element, parameters.elements))
+    elements = () if are_pairs else parameters.elements
     r0, r, tau_s, gamma = jax.tree.map(as_input, given)
     return RCParameters(r0, r, tau_s, gamma, elements)
 

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..cell.elements import Element, alike, get_element
+from ..cell.elements import alike, get_element
 from ..cell.parameters import OHMIC, RATE
 from ..errors import InputError
 from ..execution import as_input
@@ -22,7 +22,7 @@ class Coordinates(eqx.Module):
     """A box of free parameters and the map from a point in it to an `RCParameters`.
 
     Parameters stand in the order R0, R1, X1, R2, X2 and so on, with gamma last where there is one.
-    `elements` are given where not all are RC pairs.
+    `elements` are named where not all are RC pairs.
     In `rc` coordinates X is a capacitance and all are raw, as in the paper. In `log` coordinates
     the point holds logarithms and X is the time constant, or the capacitance where the user bounded
     that. Where R C leaves the limits of tau, C is clipped.
@@ -37,7 +37,7 @@ class Coordinates(eqx.Module):
     holds_tau: tuple[bool, ...] = eqx.field(static=True)
     is_log: bool = eqx.field(static=True)
     gamma_limits: tuple[float, float] | None = eqx.field(static=True)
-    elements: tuple[Element, ...] = eqx.field(static=True, default=())
+    elements: tuple[str, ...] = eqx.field(static=True, default=())
 
     @classmethod
     def of(cls, bounds: Bounds, scale: Scale) -> "Coordinates":
@@ -63,7 +63,6 @@ class Coordinates(eqx.Module):
         free = tuple(index for index, (_, low, high) in enumerate(slots) if low < high)
         if not free:
             raise InputError("every parameter is fixed; leave at least one free")
-        are_pairs = alike(bounds.elements) == bounds.pairs
         ends = np.array([slot[1:] for slot in slots])
         ends = np.log(ends) if is_log else ends
         return cls(
@@ -76,7 +75,7 @@ class Coordinates(eqx.Module):
             holds_tau=tuple(holds_tau),
             is_log=is_log,
             gamma_limits=bounds.gamma_range,
-            elements=() if are_pairs else tuple(map(get_element, bounds.elements)),
+            elements=() if alike(bounds.elements) == bounds.pairs else bounds.elements,
         )
 
     @property
@@ -84,7 +83,7 @@ class Coordinates(eqx.Module):
         """The smallest and the largest time constant of an RC pair in the box, in s."""
         low_s, high_s = np.asarray(self.tau_limits_s).T
         if self.elements:
-            ratios = [element.ratios for element in self.elements]
+            ratios = [get_element(name).ratios for name in self.elements]
             low_s = low_s * [own[-1] for own in ratios]
             high_s = high_s * [own[0] for own in ratios]
         return float(low_s.min()), float(high_s.max())

@@ -16,7 +16,7 @@ from equinox import AbstractVar
 from jax import lax
 from jaxtyping import Array, Float, Int, PyTree, Scalar
 
-from ..cell.elements import Element
+from ..cell.elements import rungs_of
 from ..execution import as_input, in_one_function
 from .intervals import Intervals
 
@@ -25,14 +25,14 @@ class RCParameters(eqx.Module):
     """Ohmic resistance and elements in series; `tau` is each one's R times C, in seconds.
 
     `gamma` is the rate of a dynamic hysteresis per unit of SOC, None for circuits without.
-    `elements` are none where all are RC pairs.
+    `elements` are names of the elements, none where all are RC pairs.
     """
 
     r0: Scalar
     r: tuple[Scalar, ...]
     tau: tuple[Scalar, ...]
     gamma: Scalar | None = None
-    elements: tuple[Element, ...] = eqx.field(static=True, default=())
+    elements: tuple[str, ...] = eqx.field(static=True, default=())
 
     @property
     def pairs(self) -> list[tuple[Scalar, Scalar]]:
@@ -41,9 +41,8 @@ class RCParameters(eqx.Module):
         if not self.elements:
             return own
         return [
-            (r * share, tau * ratio)
-            for (r, tau), element in zip(own, self.elements, strict=True)
-            for share, ratio in zip(element.shares, element.ratios, strict=True)
+            (own[rung.element][0] * rung.share, own[rung.element][1] * rung.ratio)
+            for rung in rungs_of(self.elements)
         ]
 
 

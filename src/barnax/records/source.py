@@ -176,7 +176,7 @@ def find_file(name: str, sha256: str, folders: Sequence[Path]) -> Path | Notice:
     if not places:
         return Notice("file.not-found", {"folders": ", ".join(map(str, folders))}, name)
     for place in places:
-        if not sha256 or sha256 == hashlib.sha256(_read_content(place)).hexdigest():
+        if not sha256 or sha256 == _sha256_of(place):
             return place
     return Notice("file.not-found", subject=str(places[0]))
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 import pytest
+from benchmarks.operation import KINDS, NOISE_V, NOMINAL_AH, Cell
 
 import barnax
 from barnax.bundled import BUNDLED
@@ -646,3 +647,14 @@ def test_what_an_offset_of_the_current_would_do_is_what_it_does():
     change = np.median(np.abs(total_ohm(moved) / total_ohm(told.tables) - 1))
     assert change > 1e-3
     assert effect.total == pytest.approx(change, rel=0.1)
+
+
+@pytest.mark.slow
+def test_a_hysteresis_that_slows_down_with_finer_nodes_is_left_out_and_they_stay():
+    """Logs of a cell without hysteresis, to which five nodes are too few."""
+    cell = Cell(*KINDS[0], 0)
+    window = Window(initial_soc=1.0, capacity_ah=NOMINAL_AH)
+    result = barnax.identify([*cell.logs()], window=window, **FAST)
+    assert result.model == "so-rc"
+    assert [rung.ladder for rung in result.tried if rung.kept][-2:] == ["without", "nodes"]
+    assert result.metrics.identification.rmse_v < 1.2 * NOISE_V

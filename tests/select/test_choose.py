@@ -15,7 +15,7 @@ from barnax.over_soc.cross_validation import HeldOut
 from barnax.over_soc.problem import coarsened, find_best, reduced_objective
 from barnax.over_soc.settings import TableSettings
 from barnax.select.choose import Bench, Fitted, choose
-from barnax.select.family import NODE_LADDER, Limits, limits_of
+from barnax.select.family import NODE_LADDER, Limits, Point, limits_of
 from helpers.known_cell import ocv_v
 from helpers.reference import make_record
 
@@ -110,6 +110,12 @@ def test_a_switched_hysteresis_is_chosen_where_the_test_has_its_gap(swept_a, hal
     # A cell without such a gap is not given one.
     plain = chosen(gapped, driven(gapped, (8.0, 150.0), (0.01, 0.02)))
     assert plain.chosen.point.circuit == "so-rc"
+
+
+@pytest.mark.parametrize(("circuit", "without"), [("esc", "so-rc"), ("esc+rc", "3rc")])
+def test_without_its_hysteresis_a_circuit_has_as_many_pairs(cell, circuit, without):
+    limits = limits_of(cell, TableSettings(), has_ocv=True)
+    assert limits.without_rate(Point(circuit, NODE_LADDER[1])) == Point(without, NODE_LADDER[1])
 
 
 def test_what_is_asked_for_is_not_chosen(cell):

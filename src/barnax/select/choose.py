@@ -136,6 +136,10 @@ class Bench:
                 return Choice(self._without_needless(chosen), tuple(self.tried))
             # A law was tried at the time constants of the circuit before.
             chosen = self.fit(step.point) if step.point.law != chosen.point.law else step
+            if self._is_like_ocv(chosen):
+                # A hysteresis that was kept has slowed down: the same goes on without it.
+                slow, chosen = chosen, self.fit(self.limits.without_rate(chosen.point))
+                self.tried.append(_tried("without", chosen, self._gain(chosen, slow)))
 
     def _laws_to_try(self, point: Point) -> tuple[str, ...]:
         """The laws that the records can tell. Beside an OCV of the records' own it takes up
@@ -200,7 +204,7 @@ class Bench:
         """What becomes of a richer circuit, unless no other gains more."""
         if not self._is_worth(chosen, more, gain):
             return "no gain"
-        if self._is_like_ocv(more):
+        if not chosen.point.has_rate and self._is_like_ocv(more):
             return "like the OCV"
         if not self._is_determined(chosen.point, more):
             return "not determined"

@@ -93,6 +93,12 @@ class Limits:
             if point.circuit in others.values() and circuit != point.circuit:
                 yield replace(point, circuit=circuit)
 
+    def without_rate(self, point: Point) -> Point:
+        """The circuit of as many pairs without the hysteresis."""
+        circuits = (own for own, to in self.richer.items() if to.get("hysteresis") == point.circuit)
+        *_, circuit = circuits
+        return replace(point, circuit=circuit)
+
     def settings_of(self, point: Point, settings: TableSettings) -> TableSettings:
         """How the tables of a point are fitted."""
         if self.has_ocv:

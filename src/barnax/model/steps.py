@@ -5,11 +5,8 @@ that no R0 is above that. Least squares over a record of long loads and rests do
 few samples next to steps weigh nothing, and R0 takes up what pairs that are slower leave.
 """
 
-import math
-
 import numpy as np
-from jaxtyping import Bool, Float, Int
-from scipy.special import stdtrit
+from jaxtyping import Bool, Int
 
 from ..records.record import is_long
 from ..records.samples import STEADY_SHARE, STEP_SHARE
@@ -19,8 +16,6 @@ from .prepared import PreparedRecord
 # is in the answer after so long (a second, but for a clock's jitter), and two samples at least.
 # Fewer steps show nothing.
 AFTER_S, FEWEST_STEPS = 0.99, 3
-# Where an interval ends on one side.
-_CONFIDENCE = 0.975
 
 
 def is_step(prepared: PreparedRecord) -> Bool[np.ndarray, "simulated"]:
@@ -51,10 +46,3 @@ def steps_of(
     is_single = moves[after] - moves[before - 1] == 1
     is_single &= prepared.scored[before] & prepared.scored[after]
     return before[is_single], after[is_single]
-
-
-def reach_of(left: Float[np.ndarray, "steps"], freedom: int) -> float:
-    """Half the interval of one step's answer, by what a mean leaves of all. It is a robust one:
-    steps of an empty cell scatter far more than all others."""
-    spread = 1.4826 * float(np.median(np.abs(left))) * math.sqrt(len(left) / freedom)
-    return float(stdtrit(freedom, _CONFIDENCE)) * spread

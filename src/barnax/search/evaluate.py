@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 from scipy.linalg import block_diag
+from scipy.special import stdtrit
 
 from ..cell import CellModel, CircuitParameters, get_circuit
 from ..cell.curves import KNOTS
@@ -18,7 +19,7 @@ from ..metrics import Metrics, measure
 from ..model.prepared import PreparedRecord, prepare_record, try_record
 from ..model.problem import require_changing_voltage
 from ..model.reference import errors_along, simulate_circuit
-from ..model.steps import FEWEST_STEPS, reach_of, steps_of
+from ..model.steps import FEWEST_STEPS, steps_of
 from ..model.window import Window
 from ..notices import Notice
 from ..records import Record
@@ -170,7 +171,7 @@ def _in_both(*evaluations: Evaluation) -> Iterator[Float[np.ndarray, "scored"]]:
 
 def step_warnings(evaluation: Evaluation, parameters: CircuitParameters) -> Iterator[Notice]:
     """A notice where R0 is more than the record shows after steps of the current, in the median of
-    all steps and by more than its standard error; under a law of resistances, the circuit's answer
+    all steps and beyond the 95 % interval of that; under a law of resistances, the circuit's answer
     to them."""
     prepared = evaluation.prepared
     before, after = steps_of(prepared)
@@ -185,9 +186,10 @@ def step_warnings(evaluation: Evaluation, parameters: CircuitParameters) -> Iter
     r0_ohm = own_ohm if has_law else parameters.at(OHMIC, prepared.soc[before])
     above_ohm = r0_ohm - shown_ohm
     median_ohm = float(np.median(above_ohm))
-    reach_ohm = reach_of(above_ohm - median_ohm, len(before) - 1)
-    # The standard error of a median of normal values.
-    if median_ohm > math.sqrt(math.pi / 2 / len(before)) * reach_ohm:
+    # Of a median of normal values, and a robust one: steps of an empty cell scatter far more.
+    freedom, spread_ohm = len(before) - 1, 1.4826 * np.median(np.abs(above_ohm - median_ohm))
+    error_ohm = math.sqrt(math.pi / 2 / freedom) * float(spread_ohm)
+    if median_ohm > float(stdtrit(freedom, 0.975)) * error_ohm:
         told = {"own_ohm": own_ohm, "shown_ohm": shown_ohm, "after_s": after_s}
         medians = {name: float(np.median(values)) for name, values in told.items()}
         yield Notice("answer.r0-above-steps", medians, prepared.record.name)

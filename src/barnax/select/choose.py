@@ -123,7 +123,7 @@ class Bench:
             return Choice(chosen, tuple(self.tried))
         laws = self._laws_to_try(chosen.point)
         while True:
-            # A hysteresis that was worth nothing beside a simpler circuit waits until nothing is.
+            # A hysteresis that was worth nothing beside a simpler circuit waits for all else.
             worthless = {one.ladder for one in self.tried if one.outcome == "no gain"}
             waiting = {ladder for ladder in HYSTERESES if ladder in worthless}
             step = (

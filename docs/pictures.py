@@ -207,7 +207,6 @@ PICTURES: dict[str, Callable[[], Figure]] = {
     "voltage": of_result("identification-voltage"),
     "error": of_result("identification-error"),
     "tables": of_result("tables"),
-    "convergence": of_result("convergence"),
     "ocv": draw_ocv,
     "intervals": draw_intervals,
     "exported": draw_exported,

@@ -57,7 +57,7 @@ def test_a_loaded_result_has_the_evaluations_and_figures_of_the_run(kept):
             same(one, other)
     names = [[each.name for each in identification_illustrations(own)] for own in (result, loaded)]
     assert names[0] == names[1]
-    assert {"convergence", "tables"} < set(names[1])
+    assert {"ocv", "tables"} < set(names[1])
 
 
 @pytest.mark.slow

@@ -378,7 +378,7 @@ class Result(Document):
         return self._first.rest_current_a or self.cell.capacity_ah / 100
 
     def figure(self, name: str) -> "Figure":
-        """A figure by its name, such as "voltage", "error", "convergence" or "ocv".
+        """A figure by its name, such as "voltage", "error", "tables" or "ocv".
 
         Raises `InputError` for a name that this result has no figure of.
         """

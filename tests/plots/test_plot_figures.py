@@ -13,12 +13,7 @@ from barnax import bundled_file, characterize, plots, read_record
 from barnax.plots import encode
 from barnax.results import Result
 from helpers.golden import RESULT
-from helpers.results import (
-    make_evaluation,
-    make_record,
-    make_refinement,
-    make_search,
-)
+from helpers.results import make_evaluation, make_record
 
 
 def make_all_figures() -> dict[str, Figure]:
@@ -26,21 +21,16 @@ def make_all_figures() -> dict[str, Figure]:
     cell = characterize(tests)
     scored = np.arange(600) >= 100
     evaluation = make_evaluation(make_record(600), scored)
-    found = make_search([[0.03, 0.02, 0.011], [0.04, 0.012, 0.012]])
     return {
         "voltage": plots.plot_voltage(evaluation),
         "error": plots.plot_error(evaluation),
         "ocv": plots.plot_ocv(cell),
-        "convergence": plots.plot_convergence(found, make_refinement(found, 0.01)),
         "voltages": plots.plot_voltage({"a": evaluation, "b": evaluation}),
         "errors": plots.plot_error({"a": evaluation, "b": evaluation}),
     }
 
 
-NAMES = (
-    *("voltage", "error", "ocv", "convergence"),
-    *("voltages", "errors"),
-)
+NAMES = ("voltage", "error", "ocv", "voltages", "errors")
 
 
 @pytest.fixture(scope="module")
@@ -88,13 +78,16 @@ def test_the_style_of_the_session_does_not_show():
     assert svg == plain_svg
 
 
-@pytest.mark.parametrize("plot", [plots.plot_ocv, plots.plot_convergence])
-def test_what_is_stored_is_drawn_from_its_file_too(plot, tmp_path):
+def test_what_is_stored_is_drawn_from_its_file_too(tmp_path):
     stored = Result.from_json(RESULT)
     path = tmp_path / "stored.json"
     path.write_text(stored.to_json())
     drawn = [
-        [one.get_xydata().tolist() for axes in plot(source).axes for one in axes.get_lines()]
+        [
+            one.get_xydata().tolist()
+            for axes in plots.plot_ocv(source).axes
+            for one in axes.get_lines()
+        ]
         for source in (stored, path, str(path))
     ]
     assert drawn[0] == drawn[1] == drawn[2]

@@ -182,7 +182,7 @@ def test_every_figure_of_a_run_finds_its_place_in_one_page(joint):
     document = identification_document(joint, drawn)
     assert {each.name for each in document.pictures} == {each.name for each in drawn}
     assert {f"identification-{n}-{kind}" for n in (1, 2) for kind in ("voltage", "error")} | {
-        "validation-1-error", "convergence", "ocv",
+        "validation-1-error", "ocv",
     } <= {each.name for each in drawn}  # fmt: skip
     page = to_html(document)
     assert ReportReader(page).count("img") == len(drawn)

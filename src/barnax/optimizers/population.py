@@ -181,8 +181,8 @@ class AbstractPopulationMinimiser(optx.AbstractMinimiser):
     A loss that is NaN or infinite counts as infinite and can never become the best. The
     solution's `stats` hold `best_loss`, `history` (the best loss after each generation, the
     initial population first), `evaluations`, `population` (the initial evaluations among them)
-    and `failures` (losses that were not finite); `barnax.plots.plot_convergence(stats)` draws
-    them. Where every loss was infinite the result is `RESULTS.nonfinite`.
+    and `failures` (losses that were not finite). Where every loss was infinite the result is
+    `RESULTS.nonfinite`.
     """
 
     population: int = 30

@@ -16,7 +16,6 @@ from PIL.PngImagePlugin import PngImageFile
 from .cell import plot_ocv, plot_pulse_resistances, plot_pulses
 from .cells import plot_cell_life, plot_fleet_life, plot_pack
 from .error import plot_error, plot_soc_replay
-from .search import plot_convergence
 from .soc_tables import plot_over_temperature, plot_summary, plot_tables
 from .style import column_width, figure_style
 from .voltage import plot_design, plot_voltage
@@ -24,7 +23,6 @@ from .voltage import plot_design, plot_voltage
 __all__ = [
     "column_width",
     "plot_cell_life",
-    "plot_convergence",
     "plot_design",
     "plot_error",
     "plot_fleet_life",

@@ -77,8 +77,6 @@ def identification_illustrations(result: "Result", *, live: bool = False) -> Dra
     drawn += _of_tables(result)
     for role, evaluation in zip(roles, identified, strict=False):
         drawn += _of_pulses(role, evaluation)
-    if result.constant.search is not None:
-        drawn.append(illustrate("convergence", "", plots.plot_convergence, result))
     return drawn
 
 

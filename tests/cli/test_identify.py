@@ -12,7 +12,7 @@ import pytest
 
 from barnax.bundled import BUNDLED
 from barnax.cli import identify as command
-from barnax.cli.output import write_folder
+from barnax.cli.output import Output, write_folder
 from barnax.cli.session import as_flags
 from barnax.plan.document import Part, Plan
 from barnax.reporting.first_screen import Next
@@ -30,7 +30,8 @@ def result(finished):
 
 
 def test_a_run_writes_the_result_its_timings_its_list_and_the_figures(finished):
-    files = {"result.json", "timings.json", "files.json", *(f"figures/{n}.png" for n in ALWAYS)}
+    files = {"result.json", "plan.toml", "timings.json", "files.json"}
+    files |= {f"figures/{name}.png" for name in ALWAYS}
     assert finished.outcome.status == 0
     assert set(contents(finished.folder)) == {*files, "figures"}
     listed = json.loads((finished.folder / "files.json").read_text())
@@ -94,7 +95,7 @@ def test_quiet_shows_warnings_alone_and_force_keeps_a_users_own_files(run, finis
     assert outcome == (0, "", finished.outcome.err)
     folder = tmp_path / "barnax-out"
     assert set(contents(folder)) == {
-        "result.json", "timings.json", "files.json", "figures", "figures/mine.png"
+        "result.json", "plan.toml", "timings.json", "files.json", "figures", "figures/mine.png"
     }  # fmt: skip
     stored = folder / "result.json"
     assert stored.read_bytes() == (finished.folder / "result.json").read_bytes()
@@ -212,11 +213,17 @@ def test_the_next_step_is_an_option_beside_the_plan_of_the_run(
     step = Next("compute intervals of the parameters", {"trust": "basic"})
     monkeypatch.setattr("barnax.reporting.first_screen.next_step", lambda _: step)
     plan = Plan("identify", (Part(Path(file), file, "identification"),))
-    result = Result.from_json(golden.RESULT)
-    advice, shown = command._next(result, Path("out"), plan, Path("d"))
+    result, run = Result.from_json(golden.RESULT), Output().begun("out")
+    run.written = {"plan.toml"}
+    advice, shown = command._next(result, run, plan, Path("d"))
     assert shown == expected
     assert advice.startswith(step.advice)
     assert ("saved as a file" in advice) == (not expected)
-    # Of the bundled cell there is no plan.
-    advice, shown = command._next(result, Path("out"), None, None)
-    assert (advice, shown) == (f"{step.advice}: --trust basic", "")
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("without_figures")
+def test_the_plan_of_the_bundled_cell_repeats_its_run(run, finished):
+    assert run("identify", finished.folder / "plan.toml", "--out", "again").status == 0
+    again = Path("again/result.json").read_bytes()
+    assert again == (finished.folder / "result.json").read_bytes()

@@ -1,7 +1,6 @@
 """From a result to its next test, and from the test's record to what was promised."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,13 +10,14 @@ import barnax
 from barnax.bundled import BUNDLED
 from barnax.cell import OcvPoint, OcvTable, characterize
 from barnax.cli.app import app
-from barnax.cli.design import Cell, next_after
+from barnax.cli.design import _earlier, _next, plan_after
 from barnax.cli.identify import _sampled_by
 from barnax.experiment import Step
 from barnax.experiment.belief import believed_of
 from barnax.experiment.information import before_of
 from barnax.experiment.protocol import sampled, window_of
-from barnax.plan.document import Part, Plan
+from barnax.model.window import Window
+from barnax.plan import Part, Plan, plan_from_toml, plan_to_toml
 from barnax.reporting.design import (
     design_screen,
     reached_half,
@@ -50,37 +50,53 @@ def test_what_a_result_determines_counts(design):
     assert design.of_table("drive")[0].after < design.of_table("drive")[0].alone
 
 
-def test_the_next_command_names_files_that_are_there(design, result, tmp_path):
-    (tmp_path / "result.json").write_text(result.to_json())
-    *_, command = next_after(design, result, Cell(result=tmp_path, capacity=2.1), tmp_path)
-    words = str(command).split()
-    files = [Path(word) for word in words if word.endswith(".parquet")]
-    used = [part.name for part in result.inputs if part.role != "validation"]
-    assert [path.name for path in files] == used
-    assert all(path.is_file() for path in files)
-    assert words[-4:] == ["--capacity", "2.1", "--design", str(tmp_path)]
+def planned(folder, plan):
+    """What is planned after a design of a result beside which a plan stands."""
+    (folder / "plan.toml").write_text(plan_to_toml(plan))
+    return _earlier(folder)
 
 
-def test_the_next_command_names_a_file_in_each_of_its_roles_and_what_holds_for_all_once(
-    design, result, tmp_path
-):
-    """One file may hold the OCV test beside the record, and two records of it have one window."""
-    inputs = []
-    for part in result.inputs:
-        number = 1 if part.role == "ocv" else 2
-        window = part.window and replace(part.window, capacity_ah=2.2, registration=None)
-        changed = {"name": f"schedule.parquet#{number}", "sha256": "", "window": window}
-        inputs.append(part.model_copy(update=changed))
-    of_one_file = result.model_copy(update={"inputs": tuple(inputs)})
-    (tmp_path / "schedule.parquet").write_bytes(b"")
-    cell = Cell(result=tmp_path)
-    told, command = next_after(design, of_one_file, cell, tmp_path)
-    words = str(command).split()
-    files = [Path(word).name for word in words if word.endswith(".parquet")]
-    assert files == ["schedule.parquet"] * 2
-    assert words.count("--ocv") == 1
-    assert words[words.index("--capacity") + 1] == "2.2"
-    assert "write the path of" not in str(told)
+OCV_TESTS = tuple(Part(path, path.name, "OCV test") for path in BUNDLED.ocv)
+
+
+def test_the_test_s_record_is_identified_with_the_records_and_tests_that_counted(design, tmp_path):
+    record = Part(BUNDLED.record, "identification.parquet", "identification")
+    others = Part(BUNDLED.validation, "validation.parquet", "validation")
+    options = {"model": "so-rc", "capacity": 2.2}
+    of_all = Window(score_to_s=9.0, temperature_degc=25.0)
+    parts = record, *OCV_TESTS, others
+    earlier = planned(tmp_path, Plan("identify", parts, options, window=of_all))
+    (tmp_path / "plan.toml").write_text(plan_to_toml(plan_after(design, earlier, 2.1)))
+    (tmp_path / "record.csv").write_text("")
+    plan = plan_from_toml(tmp_path / "plan.toml")
+    assert [part.path for part in plan.of_role("OCV test")] == [*BUNDLED.ocv]
+    own, before = plan.of_role("identification")
+    assert own.path == tmp_path / "record.csv"
+    assert own.window == Window(initial_soc=1.0, temperature_degc=25.0)
+    assert (before.path, before.window) == (BUNDLED.record, of_all)
+    assert plan.options == {"model": "so-rc", "capacity": 2.1}
+    assert not plan.of_role("validation")
+    advice, command = _next(design, earlier, tmp_path)
+    assert command.startswith(f"barnax identify {tmp_path}/plan.toml --design {tmp_path} --out ")
+    assert advice.endswith("record.csv")
+    # Nothing says where the records that counted are.
+    unplanned, _ = _next(design, _earlier(None), tmp_path)
+    assert "add identification.parquet to its plan.toml" in unplanned
+    # What does not count is left, and what shows what is full starts at its rest.
+    alone = design.model_copy(update={"earlier": (), "start_v": 4.1})
+    parts = plan_after(alone, earlier, None).parts
+    assert [part.role for part in parts] == ["identification", "OCV test", "OCV test"]
+    assert parts[0].window.initial_soc == 1.0
+    open_start = design.model_copy(update={"start_v": 4.1})
+    assert plan_after(open_start, earlier, None).parts[0].window.initial_soc is None
+    assert plan_after(alone, _earlier(None), None).options == {"capacity": design.capacity_ah}
+
+
+def test_a_pulse_test_that_counted_is_the_ocv_test_too(design, tmp_path):
+    pulses = Part(BUNDLED.hppc[1], "hppc.parquet", "identification")
+    plan = plan_after(design, planned(tmp_path, Plan("hppc", (pulses,))), None)
+    assert plan.command == "identify"
+    assert [part.path for part in plan.of_role("OCV test")] == [BUNDLED.hppc[1]]
 
 
 def test_a_table_left_open_is_answered_with_a_test(result):

@@ -1,24 +1,20 @@
 """`barnax design`: the next test of a cell."""
 
-import shlex
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import barnax
 
 from .. import reporting
 from ..errors import InputError
-from ..notices import Notice
-from ..settings import WINDOW_OPTIONS, Over, choices_in
+from ..settings import Window
 from .options import group
-from .output import Output
-from .session import flag_of
+from .output import PLAN, Output, plan_command
 
-if TYPE_CHECKING:
-    from rich.console import RenderableType
-
-    from ..reopening import StoredInputs
+# The record of a designed test, beside its plan.
+RECORD = "record.csv"
 
 
 @group
@@ -91,6 +87,7 @@ def design(cell: Cell, test: Test, output: Output) -> None:
         stored = (
             None if cell.result is None else barnax.Result.load(cell.result, data=cell.data or ())
         )
+        earlier = _earlier(cell.result)
         believed = believed_of(stored, cell.capacity, cell.chemistry, test.temperature)
     rates = {name: _rate(name, vars(test)[name]) for name in ("max_discharge", "max_charge")}
     with run.watch("Designing"):
@@ -110,11 +107,12 @@ def design(cell: Cell, test: Test, output: Output) -> None:
         files = reporting.design_forms.design_files(test_design)
         return files | {"figures/design.png": barnax.plots.encode(test_design.figure())}
 
-    run.deliver("design.json", test_design.to_json(), files)
+    plan = barnax.plan_to_toml(plan_after(test_design, earlier, cell.capacity))
+    run.deliver("design.json", test_design.to_json(), files, {PLAN: plan})
     if run.folder is not None:
         names = ["steps.csv", "profile.csv", "experiment_pybamm.py", "procedure.txt", "figures"]
         run.show_written(names)
-        run.show(next_after(test_design, stored, cell, run.folder))
+        run.show(reporting.terminal.next_lines(*_next(test_design, earlier, run.folder)))
 
 
 def _blocks(text: str, key: int) -> "list[barnax.Block]":
@@ -132,67 +130,52 @@ def _blocks(text: str, key: int) -> "list[barnax.Block]":
     return [block for block in usual if block.name.startswith(beginnings)]
 
 
-def next_after(
-    test: "barnax.Design", stored: "barnax.Result | None", cell: Cell, folder: Path
-) -> "list[RenderableType]":
-    """The step after the test: to identify its record, with what counted and its options."""
-    from ..reopening import StoredInputs, file_of
-    from ..reporting.terminal import next_lines
-    from ..reporting.words import joined
+def _earlier(result: Path | None) -> "barnax.Plan":
+    """The records and OCV tests of the plan beside a result, by their whole paths; of pulse tests
+    without an OCV test each is one too."""
+    from ..plan import Plan, found_anywhere, plan_from_toml
+    from ..reopening import StoredInputs
 
-    soc, missing = f"{test.initial_soc:g}", []
-    words = ["barnax", "identify"]
-    if stored is not None and cell.result is not None and test.earlier:
-        replaced = [] if cell.capacity is None else ["capacity"]
-        files, missing = _files_of(stored, StoredInputs.of(cell.result, cell.data or ()), replaced)
-        words += ["RECORD", *files]
-        # Where nothing shows what is full, its rest tells where it starts on the others' OCV.
-        words += [] if test.start_v else ["--initial-soc", f"RECORD={soc}"]
-    else:
-        words += ["RECORD", "--initial-soc", soc]
-        tests = [] if stored is None else stored.of_role("ocv")
-        names = dict.fromkeys(file_of(part.name) for part in tests)
-        words += [word for name in names for word in ("--ocv", name)]
-        words += [] if tests else ["--capacity", f"{test.capacity_ah:g}"]
-    if cell.capacity is not None:
-        words += ["--capacity", f"{cell.capacity:g}"]
-    command = shlex.join([*words, "--design", str(folder)])
-    advice = "run the test and identify its record"
-    if missing:
-        names = joined(list(dict.fromkeys(missing)))
-        advice += f"; write the path of {names}: no file of that name and content was found"
-    return [*next_lines(advice, command)]
+    beside = None if result is None else StoredInputs.of(result).plan
+    if beside is None or not beside.is_file():
+        return Plan("identify", ())
+    plan = found_anywhere(plan_from_toml(beside), ())
+    tests = plan.of_role("OCV test")
+    if plan.command == "hppc" and not tests:
+        tests = [replace(part, role="OCV test") for part in plan.of_role("identification")]
+    # Each record has the common window in its own, and where it starts is not where the next does.
+    common = plan.window
+    common = Window(temperature_degc=common.temperature_degc, rest_current_a=common.rest_current_a)
+    parts = *plan.of_role("identification"), *tests
+    return replace(plan, command="identify", parts=parts, window=common)
 
 
-def _files_of(
-    stored: "barnax.Result", places: "StoredInputs", replaced: Collection[str]
-) -> tuple[list[str], list[str]]:
-    """The stored records and OCV tests where they lie, with the circuit that was asked for and the
-    options of the records but those `replaced`; and the names of the files that were not found."""
-    from ..reopening import file_of
+def plan_after(
+    test: "barnax.Design", earlier: "barnax.Plan", capacity_ah: float | None
+) -> "barnax.Plan":
+    """The plan that identifies the test's record, `RECORD` beside it, with what counted before.
 
-    words: list[str] = []
-    missing: list[str] = []
-    for role, before in (("identification", ()), ("ocv", ("--ocv",))):
-        for name, sha256 in {file_of(p.name): p.sha256 for p in stored.of_role(role)}.items():
-            found = places.find(name, sha256)
-            missing += [name] if isinstance(found, Notice) else []
-            words += [*before, name if isinstance(found, Notice) else str(found)]
-    if not stored.tried:
-        words += ["--model", stored.model]
-        words += ["--over", stored.over] if stored.over in choices_in(Over) else []
-    common = stored.common_window
-    windows = {
-        file_of(p.name): p.window.as_told for p in stored.of_role("identification") if p.window
-    }
-    for asked, (name, *_) in WINDOW_OPTIONS.items():
-        shared = getattr(common, name)
-        values = {f"{file}=": getattr(window, name) for file, window in windows.items()}
-        for of, value in ({"": shared} if shared is not None else values).items():
-            if value is not None and asked not in replaced:
-                text = ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
-                words += [flag_of(asked), f"{of}{text}"]
-    return words, missing
+    Where nothing shows what is full, the record's rest tells where it starts on the others' OCV.
+    """
+    from ..plan import Part
+
+    counted = [part for part in earlier.parts if test.earlier or part.role == "OCV test"]
+    is_open = bool(counted and test.earlier and test.start_v)
+    start = Window(initial_soc=None if is_open else test.initial_soc)
+    own = Part(Path(RECORD), RECORD, "identification", window=start)
+    if capacity_ah is None and not counted:
+        capacity_ah = test.capacity_ah
+    return replace(earlier, parts=(own, *counted)).changed(None, capacity=capacity_ah)
+
+
+def _next(test: "barnax.Design", earlier: "barnax.Plan", folder: Path) -> tuple[str, str]:
+    """What to do after the test, and the command for it."""
+    advice = f"run the test and save its record as {folder / RECORD}"
+    unplanned = [name for name in test.earlier if not earlier.parts]
+    if unplanned:
+        names = reporting.words.joined(unplanned)
+        advice += f"; add {names} to its {PLAN}, for none is beside the result"
+    return advice, plan_command(folder / PLAN, "--design", str(folder))
 
 
 def _wanted(texts: Sequence[str] | None) -> dict[str, float] | Literal["hppc"] | None:

@@ -18,18 +18,17 @@ from ..settings import Reading, TableOptions
 from .options import OF_FILES, OF_RECORDS, OF_SEARCH, OF_TABLES, Given, group, options_of
 from .output import (
     DEFAULT_FOLDER,
+    PLAN,
     TABLES,
+    Delivery,
     Output,
     drawn_files,
-    free_names,
+    plan_command,
     require_free,
     tell_elsewhere,
     write_folder,
 )
 from .session import Session, as_flags, flag_of
-
-# The file beside a result by which the run is repeated.
-PLAN = "plan.toml"
 
 
 @group
@@ -128,12 +127,11 @@ def _fit_factors(options: Identification, paths: list[Path]) -> None:
 
 def _print_plan(options: Identification, records: list[Path]) -> None:
     session = Session(is_quiet=options.output.quiet)
-    if not records:
-        raise InputError("`plan` is for files or a folder; give them")
     with session.watch("Loading"):
         job = barnax.Job(records, **options.job, **options.tables, watch=session.watch)
-    plan = barnax.plan.plan_of(job) or barnax.plan.plan_given(job, "identify")
-    plan = barnax.plan.with_choices(plan, job)
+    plan = barnax.plan.with_choices(
+        barnax.plan.plan_of(job) or barnax.plan.plan_given(job, "identify"), job
+    )
     typer.echo(barnax.plan_to_toml(plan), nl=False)
 
 
@@ -159,15 +157,13 @@ def _run(
         threading.Thread(target=__import__, args=(module,)).start()
     job = barnax.Job(records, **options.job, **options.tables, watch=run.watch)
     chosen = barnax.plan.plan_of(job) if command == "identify" else None
-    plan = chosen or (barnax.plan.plan_given(job, command) if records else None)
-    if plan is not None:
-        plan = barnax.plan.with_choices(plan, job)
-        if promise is not None:
-            plan = _sampled_by(promise, plan)
-        if chosen and not plan.missing:
-            run.show_document(reporting.result_tables.plan_screen(plan))
-        job = barnax.Job(plan, watch=run.watch)
-    is_pulsed = plan is None and command == "hppc"
+    plan = barnax.plan.with_choices(chosen or barnax.plan.plan_given(job, command), job)
+    if promise is not None:
+        plan = _sampled_by(promise, plan)
+    if chosen and not plan.missing:
+        run.show_document(reporting.result_tables.plan_screen(plan))
+    job = barnax.Job(plan, watch=run.watch) if records else job
+    is_pulsed = command == "hppc" and not records
     result = barnax.hppc(job) if is_pulsed else barnax.identify(job)
     unseen = None
     try:
@@ -183,13 +179,12 @@ def _run(
     draw = partial(result_files, result, options.report, options.paper, options.live)
     beside: dict[str, str] = {}
     # A name that no plan can hold costs the plan.
-    if plan is not None and plan.unwritable is None:
+    if plan.unwritable is None:
         beside[PLAN] = barnax.plan_to_toml(barnax.plan.found_anywhere(plan, result.inputs))
     run.deliver("result.json", result.to_json(), draw, beside)
     if unseen is not None:
         raise unseen
-    plan = plan if PLAN in run.written else None
-    run.show(reporting.terminal.next_lines(*_next(result, run.folder, plan, options.design)))
+    run.show(reporting.terminal.next_lines(*_next(result, run, plan, options.design)))
     names = ["report.html", "result.json", TABLES, "pulses.csv", "figures"]
     run.show_written(names, following=f"barnax show {shlex.quote(str(run.folder))}")
     run.tell(result.notes)
@@ -230,7 +225,7 @@ def result_files(
 
 
 def _next(
-    result: "barnax.Result", folder: Path | None, plan: "barnax.Plan | None", design: Path | None
+    result: "barnax.Result", run: Delivery, plan: "barnax.Plan", design: Path | None
 ) -> tuple[str, str]:
     """The next step, and the command for it, empty where there is none.
 
@@ -238,7 +233,7 @@ def _next(
     """
     from ..records.source import STDIN
 
-    step = reporting.first_screen.next_step(result)
+    step, folder = reporting.first_screen.next_step(result), run.folder
     advice = as_flags(step.advice)
     if step.exports and folder is not None:
         return advice, shlex.join(["barnax", "export", str(folder), "--to", step.exports])
@@ -247,13 +242,12 @@ def _next(
     if not step.options:
         return advice, ""
     words = [word for name, value in step.options.items() for word in (flag_of(name), value)]
-    if plan is None or folder is None:
-        return f"{advice}: {shlex.join(words)}", ""
     if any(part.path == STDIN or part.path.is_relative_to("/dev") for part in plan.parts):
         return f"{advice}: {shlex.join(words)}, with what was piped saved as a file", ""
+    if folder is None or PLAN not in run.written:
+        return f"{advice}: {shlex.join(words)}", ""
     words += [] if design is None else ["--design", str(design)]
-    words += ["--out", str(next(free_names(Path(DEFAULT_FOLDER))))]
-    return advice, shlex.join(["barnax", "identify", str(folder / PLAN), *words])
+    return advice, plan_command(folder / PLAN, *words)
 
 
 @group

@@ -5,6 +5,7 @@ import hashlib
 import itertools
 import json
 import os
+import shlex
 import shutil
 import stat
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -27,6 +28,8 @@ DEFAULT_FOLDER = "barnax-out"
 # One of these is in every folder of results, but for those of factors, which have only tables.
 RESULTS = ("result.json", "comparison.json", "soc.json", "design.json", "life.json")
 TABLES = "tables.csv"
+# The file beside a result by which the run is repeated.
+PLAN = "plan.toml"
 # What barnax wrote into a folder, each file with its SHA-256: all else is the user's, whatever its
 # name, and so is what was changed since.
 LIST = "files.json"
@@ -279,6 +282,12 @@ def free_names(place: Path) -> Iterator[Path]:
         free = place if number == 1 else place.with_name(f"{place.name}-{number}")
         if not os.path.lexists(free) or (free.is_dir() and not any(free.iterdir())):
             yield free
+
+
+def plan_command(plan: Path, *words: str) -> str:
+    """The command that runs a plan with further options, into a folder that is free."""
+    out = next(free_names(Path(DEFAULT_FOLDER)))
+    return shlex.join(["barnax", "identify", str(plan), *words, "--out", str(out)])
 
 
 def _moved(fresh: Path, place: Path) -> Path:

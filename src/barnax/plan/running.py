@@ -11,6 +11,7 @@ from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 
+from ..bundled import BUNDLED
 from ..cell import CellModel, characterize_over_temperature
 from ..cell.model import REFERENCE_DEGC, group_near
 from ..errors import InputError
@@ -62,9 +63,15 @@ def plan_of(job: Job) -> Plan | None:
 
 
 def plan_given(job: Job, command: Literal["identify", "hppc"]) -> Plan:
-    """The files of a job whose roles are given already, as a plan."""
+    """The files of a job whose roles are given already, as a plan; without any those of the
+    bundled cell."""
     files: dict[Use, Any] = {"identification": job.records, "OCV test": job.ocv}
     files["validation"] = job.validate
+    if not listed(job.records):
+        is_hppc = command == "hppc"
+        files["identification"] = BUNDLED.hppc[1] if is_hppc else BUNDLED.record
+        files["OCV test"] = job.ocv if is_hppc else [*BUNDLED.ocv]
+        files["validation"] = listed(job.validate) or BUNDLED.validation
     given = [(Path(path), role) for role, several in files.items() for path in listed(several)]
     names = file_names([path for path, _ in given])
     return Plan(command, tuple(Part(path, names[path], role) for path, role in given))

@@ -98,7 +98,7 @@ def test_equivalent_full_cycles_count_what_passed():
     passed = dataset().with_columns((pl.int_range(pl.len()) % 5 * 100.0).alias("ah_since_new"))
     assert life_of(passed, throughput="ah_since_new").cycles["C1"] == 100.0
     known = life_of(passed)
-    assert (known.cycles["C1"], known.cycles_known) == (5.0, False)
+    assert (known.cycles["C1"], known.counts_cycles) == (5.0, False)
 
 
 @pytest.mark.usefixtures("one_quantity")

@@ -115,9 +115,9 @@ def _track_with_filter(
     return np.array(r0s), np.array(rs), np.array(taus_s)
 
 
-def drive_time(drive: Drive, place: int) -> str:
+def drive_time(drive: Drive, index: int) -> str:
     """The time of a sample since the first."""
-    return f"{float(np.sum(drive.interval_s[: place + 1])):.0f} s"
+    return f"{float(np.sum(drive.interval_s[: index + 1])):.0f} s"
 
 
 @in_float64
@@ -140,13 +140,13 @@ def dual_filter(problem: Problem) -> Answer:
     )  # fmt: skip
     start = model.start(prepared.start.soc, SOC_SD, float(prepared.start.direction), 0.0)
     drive = Drive.of(prepared)
-    found = np.asarray(_dual(model, start, drive).slow)
-    if not np.all(np.isfinite(found)):
-        first = int(np.argmin(np.all(np.isfinite(found), axis=1)))
+    slow = np.asarray(_dual(model, start, drive).slow)
+    if not np.all(np.isfinite(slow)):
+        first = int(np.argmin(np.all(np.isfinite(slow), axis=1)))
         raise MethodFailure(f"its filters diverge after {drive_time(drive, first)}")
-    factor = dict(zip(slow_sd, np.exp(found).T, strict=True))
+    factor = dict(zip(slow_sd, np.exp(slow).T, strict=True))
     pairs = range(1, middle.pairs + 1)
-    held = np.ones(len(found))
+    held = np.ones(len(slow))
     r = np.stack([middle.r[pair - 1] * factor.get(f"R{pair}", held) for pair in pairs], axis=1)
     tau_s = [middle.tau_s[pair - 1] * factor.get(f"tau{pair}", held) for pair in pairs]
     tau_s = np.stack(tau_s, axis=1)

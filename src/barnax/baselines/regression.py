@@ -321,9 +321,9 @@ def subspace_method(problem: Problem) -> Answer:
     samples = even_samples(problem.prepared, 2 * rows - 1)
     if not np.ptp(samples.current_a):
         raise MethodFailure("the current never changes, and without a change it shows no pole")
-    if (found := np.count_nonzero(samples.is_row)) < 4 * rows:
+    if (even := np.count_nonzero(samples.is_row)) < 4 * rows:
         raise MethodFailure(
-            f"it needs {4 * rows} samples with {2 * rows - 1} evenly before each; there are {found}"
+            f"it needs {4 * rows} samples with {2 * rows - 1} evenly before each; there are {even}"
         )
     poles = np.linalg.eigvals(
         state_matrix(samples.current_a, samples.drop_v, samples.is_row, rows, pairs)
@@ -344,8 +344,8 @@ def subspace_method(problem: Problem) -> Answer:
     notes = samples.notes
     if np.any(np.abs(inside - np.log(tau_s)) > APART):
         notes = (*notes, f"its time constants, {shown}, are moved into the search box")
-    found = objective.circuit(objective.solve(tuple(inside.tolist()), exact=True))
-    return answer_of(problem, found, notes)
+    circuit = objective.circuit(objective.solve(tuple(inside.tolist()), exact=True))
+    return answer_of(problem, circuit, notes)
 
 
 def state_matrix(

@@ -125,21 +125,24 @@ def compare(
     with watch(REFINEMENT):
         refined = _refine(answered)
     with watch(OPTIMA):
-        known = {model: optimum_or_none(problem) for model, problem in problems.items()}
-    optima = {model: optimum for model, optimum in known.items() if optimum is not None}
+        proofs = {model: optimum_or_none(problem) for model, problem in problems.items()}
+    optima = {model: optimum for model, optimum in proofs.items() if optimum is not None}
     with watch(DIFFERENCES):
         differences = _differences(refined, budget.key)
-    for place, row in enumerate(refined):
+    for index, row in enumerate(refined):
         if row.failure is None and row.model in optima:
             gap = optimality_gap(row.median.rmse_v, optima[row.model].rmse_v)
-            refined[place] = replace(row, optimality_gap=gap)
+            refined[index] = replace(row, optimality_gap=gap)
     evaluated = next((row.evaluations for row in refined if row.failure is None), ())
     first = problems[models[0]]
     roles = ["identification", *["validation"] * len(validation)]
-    inputs = [InputPart.simulated(role, own) for role, own in zip(roles, evaluated, strict=False)]
-    told = [warning for problem in problems.values() for warning in problem.warnings]
+    inputs = [
+        InputPart.simulated(role, evaluation)
+        for role, evaluation in zip(roles, evaluated, strict=False)
+    ]
+    notices = [warning for problem in problems.values() for warning in problem.warnings]
     for tried in (evaluation for row in refined for evaluation in row.evaluations):
-        told += [*tried.prepared.record.warnings, *tried.prepared.warnings]
+        notices += [*tried.prepared.record.warnings, *tried.prepared.warnings]
     return ComparisonResult(
         rows=tuple(refined),
         differences=differences,
@@ -156,7 +159,7 @@ def compare(
         objective=first.kind,
         cell=first.cell,
         inputs=tuple(inputs or [InputPart.of("identification", first.prepared.record)]),
-        warnings=tuple(dict.fromkeys(told)),
+        warnings=tuple(dict.fromkeys(notices)),
         versions=all_versions(),
     )
 
@@ -183,8 +186,8 @@ def _run(
     identified, *others = prepared_records
     parameters = row.median.parameters
     evaluations = [evaluate(identified, parameters)]
-    own = partial(evaluate, parameters=parameters)
-    evaluations += [evaluate_from_either(prepared, own) for prepared in others]
+    evaluated = partial(evaluate, parameters=parameters)
+    evaluations += [evaluate_from_either(prepared, evaluated) for prepared in others]
     box = problem.log_coordinates
     return replace(
         row,
@@ -212,22 +215,22 @@ def _refine(rows: Sequence[Row]) -> list[Row]:
 
 def _differences(rows: Sequence[Row], key: int) -> tuple[Difference, ...]:
     """Every pair of answered rows on every record, the first row against the second."""
-    found = []
+    differences = []
     for first, second in itertools.combinations([row for row in rows if row.failure is None], 2):
         over_seeds = compare_over_seeds(first.errors_v, second.errors_v)
-        for place, both in enumerate(zip(first.evaluations, second.evaluations, strict=True)):
+        for index, both in enumerate(zip(first.evaluations, second.evaluations, strict=True)):
             one, other = (evaluation.error_v[evaluation.prepared.scored] for evaluation in both)
-            found.append(
+            differences.append(
                 Difference(
                     first.name,
                     second.name,
                     record=both[0].prepared.record.name,
-                    is_validation=place > 0,
+                    is_validation=index > 0,
                     over_time=compare_over_time(one, other, key),
-                    over_seeds=None if place else over_seeds,
+                    over_seeds=None if index else over_seeds,
                 )
             )
-    return tuple(found)
+    return tuple(differences)
 
 
 # Options of one circuit, or of its tables.
@@ -292,7 +295,7 @@ def compare_files(job: ComparisonJob) -> ComparisonResult:
         setup = set_up(settled(problem_of(inputs, windows, alone)), inputs, windows, alone)
         usual = search_and_assess(setup, None, alone, "none", unwatched)
     tests = [InputPart.of("ocv", test) for test in inputs.ocv]
-    told = [warning for test in inputs.ocv for warning in test.warnings]
-    told += [*inputs.warnings, *compared.warnings]
+    notices = [warning for test in inputs.ocv for warning in test.warnings]
+    notices += [*inputs.warnings, *compared.warnings]
     parts = {"candidates": usual.candidates, "inputs": (*compared.inputs, *tests)}
-    return compared.model_copy(update={**parts, "warnings": tuple(dict.fromkeys(told))})
+    return compared.model_copy(update={**parts, "warnings": tuple(dict.fromkeys(notices))})

@@ -130,14 +130,14 @@ def _parts(mean: Vector, variance: Vector, count: int) -> Parts:
     empty.
     """
     step = 2 * SIDES / max(count - 1, 1)
-    own = OVERLAP * step if count > 1 else 1.0
+    sd = OVERLAP * step if count > 1 else 1.0
     away = jnp.linspace(-SIDES, SIDES, count) if count > 1 else jnp.zeros(1)
     soc = mean[0] + jnp.sqrt(variance[0]) * away
-    log_weights = -(away**2) / (2 * (1 - own**2)) if count > 1 else away
+    log_weights = -(away**2) / (2 * (1 - sd**2)) if count > 1 else away
     if count > 1:
         outside = jnp.maximum(jnp.maximum(-soc, soc - 1), 0.0)
         log_weights = log_weights - (outside / OUTSIDE_SD) ** 2 / 2
-    covariance = jnp.diag(variance.at[0].multiply(own**2))
+    covariance = jnp.diag(variance.at[0].multiply(sd**2))
     means = jnp.tile(mean, (count, 1)).at[:, 0].set(soc)
     log_weights = log_weights - jnp.max(log_weights)
     weights = jnp.exp(log_weights)
@@ -262,10 +262,10 @@ def _correct(
     belief: Gaussian, with_state: Vector, innovation_v: Scalar, variance_v2: Scalar
 ) -> Gaussian:
     """The belief after a measurement; equal factors keep the covariance symmetric."""
-    told = with_state / jnp.sqrt(variance_v2)
+    scaled = with_state / jnp.sqrt(variance_v2)
     return Gaussian(
         belief.mean + with_state * (innovation_v / variance_v2),
-        belief.covariance - told[:, None] * told[None, :],
+        belief.covariance - scaled[:, None] * scaled[None, :],
     )
 
 
@@ -288,8 +288,8 @@ def _predict_extended(
     # Once: what follows would compute it again for every column.
     moved = lax.optimization_barrier(moved)
     covariance = moved * kept + jnp.diag(walk)
-    for column, own in zip(columns, moved.T[count:], strict=True):
-        covariance = covariance + own[:, None] * column
+    for column, row in zip(columns, moved.T[count:], strict=True):
+        covariance = covariance + row[:, None] * column
     return Gaussian(mean, covariance)
 
 
@@ -329,9 +329,9 @@ def _root(covariance: Matrix) -> Matrix:
     left = covariance
     for index in range(len(covariance)):
         pivot = left[index, index]
-        is_known = pivot <= 0
-        safe = jnp.where(is_known, 1.0, pivot)
-        column = jnp.where(is_known, 0.0, left[:, index] / jnp.sqrt(safe))
+        is_exact = pivot <= 0
+        safe = jnp.where(is_exact, 1.0, pivot)
+        column = jnp.where(is_exact, 0.0, left[:, index] / jnp.sqrt(safe))
         columns.append(column)
         left = left - column[:, None] * column[None, :]
     return jnp.stack(columns, axis=1)

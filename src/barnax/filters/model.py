@@ -151,9 +151,9 @@ class FilterModel(eqx.Module):
     def at(self, soc: Scalar) -> Float[Array, "rows"]:
         """The table's row at a SOC; it goes on straight beyond the grid."""
         along = (soc - GRID[0]) * STEPS_PER_SOC
-        place = jnp.clip(lax.stop_gradient(along), 0, len(GRID) - 2).astype(jnp.int32)
-        below, above = self.table[place], self.table[place + 1]
-        return below + (along - place) * (above - below)
+        row_index = jnp.clip(lax.stop_gradient(along), 0, len(GRID) - 2).astype(jnp.int32)
+        below, above = self.table[row_index], self.table[row_index + 1]
+        return below + (along - row_index) * (above - below)
 
     def rise(self, soc: Scalar) -> Float[Array, "rows"]:
         """The slope of the table at a SOC: at a row that of the chord over both neighbors, linear
@@ -163,9 +163,11 @@ class FilterModel(eqx.Module):
         a full cell is at a row.
         """
         along = (soc - GRID[0]) * STEPS_PER_SOC
-        place = jnp.clip(along, 1, len(GRID) - 3).astype(jnp.int32)
-        below, above = (self.table[row + 1] - self.table[row - 1] for row in (place, place + 1))
-        return (below + jnp.clip(along - place, 0, 1) * (above - below)) * (STEPS_PER_SOC / 2)
+        row_index = jnp.clip(along, 1, len(GRID) - 3).astype(jnp.int32)
+        below, above = (
+            self.table[row + 1] - self.table[row - 1] for row in (row_index, row_index + 1)
+        )
+        return (below + jnp.clip(along - row_index, 0, 1) * (above - below)) * (STEPS_PER_SOC / 2)
 
     def factor(self, name: str, slow: Slow) -> Scalar | float:
         """The factor of a slow parameter; one where it is not estimated."""

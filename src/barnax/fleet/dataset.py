@@ -115,8 +115,8 @@ def _joined(frames: Sequence[pl.DataFrame]) -> pl.DataFrame:
             types.setdefault(name, set()).update([dtype] if dtype != pl.Null else [])
     mixed = {
         name
-        for name, found in types.items()
-        if len(found) > 1 and not all(dtype.is_numeric() for dtype in found)
+        for name, dtypes in types.items()
+        if len(dtypes) > 1 and not all(dtype.is_numeric() for dtype in dtypes)
     }
     alike = [
         frame.with_columns(_text(name, frame[name].to_list()) for name in mixed & {*frame.columns})
@@ -167,11 +167,11 @@ def read_rows(
     Raises `InputError` for a broken file.
     """
     chosen = None if columns is None else [*columns]
-    found = []
+    dated_parts = []
     for path in _files(out, shard):
         try:
             time_ns = changed_ns(path)
-            found.append((time_ns, pl.read_parquet(opened(path), columns=chosen, glob=False)))
+            dated_parts.append((time_ns, pl.read_parquet(opened(path), columns=chosen, glob=False)))
         except FileNotFoundError:
             continue
         except (OSError, pl.exceptions.PolarsError) as problem:
@@ -179,13 +179,13 @@ def read_rows(
                 f"{path}: not part of a fleet's dataset ({reason_of(problem)}); if barnax wrote "
                 "it, delete it, and its cells are identified again; else give `out` another folder"
             ) from problem
-    if not found:
+    if not dated_parts:
         names = ("id", "fingerprint", "error", "error code")
         return pl.DataFrame(schema=dict.fromkeys(names, pl.String))
     # Of one time, a part is newer than a file that takes parts in.
-    found.reverse()
-    found.sort(key=lambda dated: dated[0])
-    rows = _joined([frame for _, frame in found])
+    dated_parts.reverse()
+    dated_parts.sort(key=lambda dated: dated[0])
+    rows = _joined([frame for _, frame in dated_parts])
     return rows.unique("id", keep="last", maintain_order=True).sort("id")
 
 
@@ -226,8 +226,8 @@ _OURS = re.compile(r"(?:parts(?:-\d{5}-of-\d{5})?/[0-9a-f]{32}|cells-\d{5}-of-\d
 def finished(out: Path) -> dict[str, tuple[str, bool]]:
     """The fingerprint of every cell that has a row, and whether that is an error."""
     rows = read_rows(out, ("id", "fingerprint", "error"))
-    known = rows.select("id", "fingerprint", pl.col("error").is_not_null())
-    return {name: (print_, has_failed) for name, print_, has_failed in known.iter_rows()}
+    prints = rows.select("id", "fingerprint", pl.col("error").is_not_null())
+    return {name: (print_, has_failed) for name, print_, has_failed in prints.iter_rows()}
 
 
 @contextmanager

@@ -186,8 +186,8 @@ def run_cell(print_: str, cell: FleetCell, settings: Options, out: str) -> Rows:
     prepare_process()
     from .rows import identify_rows
 
-    found = identify_rows(cell, settings, located(out))
-    return [row | {"fingerprint": print_} for row in found]
+    rows = identify_rows(cell, settings, located(out))
+    return [row | {"fingerprint": print_} for row in rows]
 
 
 @functools.cache
@@ -204,8 +204,8 @@ def prepare_process() -> None:
     prefer_cpu()
     if "jax" not in sys.modules:
         # Once: a process inherits them, and another text is another key in the cache.
-        own = os.environ.get("XLA_FLAGS", "").replace(XLA_FLAGS, "")
-        os.environ["XLA_FLAGS"] = f"{own.strip()} {XLA_FLAGS}".strip()
+        flags = os.environ.get("XLA_FLAGS", "").replace(XLA_FLAGS, "")
+        os.environ["XLA_FLAGS"] = f"{flags.strip()} {XLA_FLAGS}".strip()
         os.environ.update(XLA_THREADS)
         keep_compiled()
 

@@ -79,12 +79,12 @@ class FleetCell:
 
     def fingerprint(self, settings: Mapping[str, Any]) -> str:
         """A digest of all inputs and settings: files by path, size and time of change."""
-        known = [
+        inputs = [
             *(__version__, self.id, _plain(settings), self.records, self.ocv, self.validate),
             *(self.cell, self.bounds, self.missing, [stamp(path) for path in self.files]),
             *map(_plain, (self.window, self.validate_window, self.options, self.carried)),
         ]
-        content = json.dumps(known, default=str).encode()
+        content = json.dumps(inputs, default=str).encode()
         if self.problem is not None:
             content += pickle.dumps(self.problem)
         return hashlib.sha256(content).hexdigest()
@@ -120,9 +120,9 @@ SEPARATOR = ";"
 # Before what is known of validation records only.
 OF_VALIDATION = "validate_"
 OF_WINDOWS = {*WINDOW_OPTIONS, *(OF_VALIDATION + name for name in WINDOW_OPTIONS)}
-KNOWN = {"id", "cell", "bounds", *FILES, *OPTIONS, *OF_WINDOWS}
+COLUMNS = {"id", "cell", "bounds", *FILES, *OPTIONS, *OF_WINDOWS}
 # Columns that the dataset has of its own, by their whole names.
-OWN = re.compile(
+RESERVED = re.compile(
     r"error( code)?|samples|answer|certified|proved gap|at bound|warnings|warning codes|seconds"
     r"|factor bytes|pack|odd|weakest|SOC shift.*|capacity ratio.*|loaded voltage.*|total R.*"
     r"|voltage lag.*|sampling( evidence)?|aged .*|record throughput \[A\.h\]"
@@ -155,25 +155,25 @@ def read_manifest(
     Raises `InputError` where the manifest cannot be used; files that are none are in each cell's
     `missing`.
     """
-    place = located(path)
-    if place.is_dir():
-        names = sorted(item.name for item in place.iterdir() if item.is_dir())
+    source = located(path)
+    if source.is_dir():
+        names = sorted(item.name for item in source.iterdir() if item.is_dir())
         rows = [{"id": name, "records": [f"{glob.escape(name)}/*"]} for name in names]
-        cells = [cell_of({**(defaults or {}), **row}, place) for row in rows]
+        cells = [cell_of({**(defaults or {}), **row}, source) for row in rows]
         if not cells:
             raise InputError(
-                f"{place}: has no subfolders; make one for each cell, or give a manifest"
+                f"{source}: has no subfolders; make one for each cell, or give a manifest"
             )
         return cells, ()
-    rows, own_defaults = _rows(place)
-    given = _filled({**(defaults or {}), **own_defaults})
-    allowed = [*addresses, *([] if isinstance(place, Path) else [str(place.parent)])]
+    rows, manifest_defaults = _rows(source)
+    given = _filled({**(defaults or {}), **manifest_defaults})
+    allowed = [*addresses, *([] if isinstance(source, Path) else [str(source.parent)])]
     faults = [] if problems is None else problems
     cells, row_of = [], dict[str, int]()
-    for number, row in enumerate(rows, 2 if place.suffix.lower() != ".toml" else 1):
-        where = f"{place.name}: row {number}"
-        cell = cell_of(given | _filled(row), place.parent, where, faults)
-        faults += _unconfined(cell, allowed, place.name)
+    for number, row in enumerate(rows, 2 if source.suffix.lower() != ".toml" else 1):
+        where = f"{source.name}: row {number}"
+        cell = cell_of(given | _filled(row), source.parent, where, faults)
+        faults += _unconfined(cell, allowed, source.name)
         if row_of.setdefault(cell.id, number) == number:
             cells.append(cell)
         elif cell.id:
@@ -183,7 +183,7 @@ def read_manifest(
         more = f"; `dry_run` lists {len(faults) - 1} more" if len(faults) > 1 else ""
         raise InputError(faults[0] + more)
     if not cells:
-        raise InputError(f"{place}: has no cells; add a row for each")
+        raise InputError(f"{source}: has no cells; add a row for each")
     return cells, tuple(dict.fromkeys(name for cell in cells for name in cell.carried))
 
 
@@ -285,13 +285,13 @@ def cell_of(
         faults.append(
             f"{where}: spreadsheets take this id for a formula; begin it with a letter or a digit"
         )
-    carried = {name: row[name] for name in row if name not in KNOWN and name != "problem"}
-    taken = listed([name for name in carried if OWN.fullmatch(name)])
+    carried = {name: row[name] for name in row if name not in COLUMNS and name != "problem"}
+    taken = listed([name for name in carried if RESERVED.fullmatch(name)])
     if taken:
         faults.append(f"{where}: the dataset has its own {taken}; rename the column")
     missing: list[str] = []
     records, ocv, validate, models, bounds = (
-        tuple(_found(row.get(column), folder, missing, faults, f"{where}: `{column}`"))
+        tuple(_files_of(row.get(column), folder, missing, faults, f"{where}: `{column}`"))
         for column in (*FILES, "cell", "bounds")
     )
     if not row.get("records") and "problem" not in row:
@@ -316,7 +316,7 @@ def cell_of(
 
 
 def _window(row: Mapping[str, Any], where: str, faults: list[str], whose: str) -> dict[str, Any]:
-    found = {}
+    values = {}
     for option, (name, parse, example) in WINDOW_OPTIONS.items():
         asked = whose + option
         if asked not in row:
@@ -324,14 +324,14 @@ def _window(row: Mapping[str, Any], where: str, faults: list[str], whose: str) -
         value = row[asked]
         text = ",".join(map(str, value)) if isinstance(value, list | tuple) else str(value)
         try:
-            found[name] = parse(text.removesuffix(".0") if parse is int else text)
+            values[name] = parse(text.removesuffix(".0") if parse is int else text)
         except ValueError:
             shown = cut(text, LONGEST_NAME)
             faults.append(f"{where}: `{asked}` {shown!r}: write it like {example}")
-    return found
+    return values
 
 
-def _found(
+def _files_of(
     value: Any, folder: Path, missing: list[str], faults: list[str], where: str
 ) -> Iterator[str]:
     """The files that a column names, a pattern's by their names; what is not there is noted."""
@@ -350,16 +350,16 @@ def _found(
         if not isinstance(folder, Path):
             yield from _stored(pattern, folder, missing, faults, where)
             continue
-        found = [str(folder / pattern)]
+        paths = [str(folder / pattern)]
         if not (folder / pattern).exists():
             # The folder's own name is none.
             inside = glob.glob(pattern, root_dir=folder, recursive=True)
-            found = sorted(str(folder / name) for name in inside)
+            paths = sorted(str(folder / name) for name in inside)
         # To read from a pipe may never end; a folder is for its reader to refuse.
-        odd = [path for path in found if not (os.path.isfile(path) or os.path.isdir(path))]
+        odd = [path for path in paths if not (os.path.isfile(path) or os.path.isdir(path))]
         missing += [f"{path} is a pipe or a device" for path in odd]
-        missing += [] if found else [f"{pattern} does not exist"]
-        yield from (path for path in found if path not in odd)
+        missing += [] if paths else [f"{pattern} does not exist"]
+        yield from (path for path in paths if path not in odd)
 
 
 def _stored(
@@ -372,8 +372,8 @@ def _stored(
             "its own folder; write it without .. and a leading /"
         )
         return
-    found = [folder / pattern]
+    paths = [folder / pattern]
     if glob.has_magic(pattern):
-        found = sorted(folder.glob(pattern), key=str)
-        missing += [] if found else [f"{pattern} does not exist"]
-    yield from map(str, found)
+        paths = sorted(folder.glob(pattern), key=str)
+        missing += [] if paths else [f"{pattern} does not exist"]
+    yield from map(str, paths)

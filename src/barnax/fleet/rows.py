@@ -39,7 +39,7 @@ from .dataset import factors_path, keep_file, result_path
 from .manifest import FleetCell, Options, short_name, stamp
 
 # Settings of a fleet that are no arguments of `identify`.
-OWN = ("keep_results", "keep_factors", "pack_cells", "ageing", "loggers")
+OF_FLEET = ("keep_results", "keep_factors", "pack_cells", "ageing", "loggers")
 CELLS_KEPT = 16
 # Where tables stand in a row.
 MIDDLE_SOC = 0.5
@@ -69,7 +69,7 @@ def identify_rows(cell: FleetCell, settings: Options, out: Path | None = None) -
             constant = result.without_tables().evaluations
             used, aged = [evaluation.prepared for evaluation in constant.identification], {}
             if settings.get("ageing"):
-                aged, told = ageing_row(used, is_own=not cell.ocv and cell.cell is None)
+                aged, told = ageing_row(used, is_fitted_ocv=not cell.ocv and cell.cell is None)
                 warnings = (*warnings, *told)
             row |= row_of(result, warnings) | aged
             if pack is not None:
@@ -110,8 +110,8 @@ def identified(cell: FleetCell, settings: Options) -> tuple[Result, tuple[Notice
     """The result of a cell and all warnings. Raises `InputError` where an input cannot be used."""
     job = job_of(settings)
     if cell.problem is not None:
-        found = identify_problem(cell.problem, job.part(Settings), trust=job.trust)
-        return found, found.warnings
+        result = identify_problem(cell.problem, job.part(Settings), trust=job.trust)
+        return result, result.warnings
     if cell.missing:
         raise InputError(f"{'; '.join(cell.missing)}: correct the name in the manifest")
     job = job.changed(**cell.options, bounds=cell.bounds, window=_windows(cell))
@@ -125,15 +125,15 @@ def identified(cell: FleetCell, settings: Options) -> tuple[Result, tuple[Notice
     job = job.changed(records=read[: len(cell.records)], validate=read[len(cell.records) :])
     if not cell.ocv and cell.cell is None:
         # Which file serves for what, the roles say. Tables, as a refit of kept factors gives.
-        found = identify(job if job.model or job.over else job.changed(over="soc"))
-        return found, found.warnings
+        result = identify(job if job.model or job.over else job.changed(over="soc"))
+        return result, result.warnings
     window = Window(**cell.window)
-    known, tests, of_tests, tests_degc = _known_cell(
+    cell_model, tests, of_tests, tests_degc = _cell_of_tests(
         cell.cell and (cell.cell, stamp(cell.cell)),
         tuple((path, stamp(path)) for path in cell.ocv),
         window.capacity_ah, window.rest_current_a, reading, job.part(CellSettings),
     )  # fmt: skip
-    result = identify(job.changed(ocv=tests, cell=known))
+    result = identify(job.changed(ocv=tests, cell=cell_model))
     evaluations = result.evaluations
     used = [one.prepared for one in (*evaluations.identification, *evaluations.validation)]
     measured = [(prepared.record.name, prepared.temperature_degc) for prepared in used]
@@ -157,12 +157,17 @@ def pack_rows(pack: Pack, name: str) -> list[Row]:
     """The rows of a pack's cells, as a fleet's dataset has them."""
     rows, result = [], pack.result
     samples = result.metrics.identification.samples
-    for own, fitted in zip(pack.rows(), pack.fit.cells, strict=True):
-        plain = str(own.pop("cell")).replace("/", "-").replace("\\", "-")
+    for cell_row, fitted in zip(pack.rows(), pack.fit.cells, strict=True):
+        plain = str(cell_row.pop("cell")).replace("/", "-").replace("\\", "-")
         row: Row = {"id": f"{name} {plain}", "error": None, "error code": None}
         row |= {"circuit": result.model, "pack": name, "samples": samples}
-        row |= {**own, **fitted.tables.constants}
-        row |= {"answer": "tables over SOC", "certified": False, "at bound": "", **_told([])}
+        row |= {**cell_row, **fitted.tables.constants}
+        row |= {
+            "answer": "tables over SOC",
+            "certified": False,
+            "at bound": "",
+            **_warning_columns([]),
+        }
         rows.append(row)
     return rows
 
@@ -201,14 +206,14 @@ def _refitted(cell: FleetCell, settings: Options) -> Row:
         "certified": False,
         "proved gap": None,
         "at bound": "; ".join(f"{hit.name} {hit.side}" for hit in fit.at_bound),
-        **_told(fit.warnings),
+        **_warning_columns(fit.warnings),
         "held-out RMSE [V]": fit.cross_validation and fit.cross_validation.tables.rmse_v,
     }
 
 
 def job_of(settings: Options) -> Job:
     """The job that the settings of a fleet, or the options of a row, ask for."""
-    return Job(**{name: value for name, value in settings.items() if name not in OWN})
+    return Job(**{name: value for name, value in settings.items() if name not in OF_FLEET})
 
 
 def reasons_against(cell: FleetCell) -> Iterator[str]:
@@ -233,7 +238,7 @@ def _windows(cell: FleetCell) -> Window | dict[str, Window]:
 
 
 @functools.lru_cache(maxsize=CELLS_KEPT)
-def _known_cell(
+def _cell_of_tests(
     earlier: tuple[str, Any] | None,
     ocv: tuple[tuple[str, Any], ...],
     capacity_ah: float | None,
@@ -282,12 +287,12 @@ def _given(path: str, reading: Reading) -> Any:
 def row_of(result: Result, warnings: Sequence[Notice]) -> Row:
     """A result, flat: parameters under PyBaMM's names with their intervals, errors, certificate."""
     constant, evaluations = result.constant, result.without_tables().evaluations
-    own = constant.metrics.identification
+    errors = constant.metrics.identification
     first = result.of_role("identification")[0]
     row: Row = {
         "circuit": constant.model,
         "records": result.name,
-        "samples": own.samples,
+        "samples": errors.samples,
         "duration [s]": first.duration_s,
         "capacity [A.h]": first.capacity_ah,
         "temperature [degC]": evaluations.identification[0].prepared.temperature_degc,
@@ -295,14 +300,14 @@ def row_of(result: Result, warnings: Sequence[Notice]) -> Row:
         "sampling": first.hold and first.hold.value,
         "sampling evidence": first.hold and first.hold.reason,
     }
-    ends = {name: (known.low, known.high) for name, known in constant.estimates.items()}
+    ends = {name: (estimate.low, estimate.high) for name, estimate in constant.estimates.items()}
     for name, value in named_values(constant.parameters).items():
         row[name] = value
         if ends:
             row[f"{name} low"], row[f"{name} high"] = ends[name]
     validated = evaluations.validation
     validation = MetricsPart.of(*validated, name="validation") if validated else None
-    row |= _errors_of("", own) | _errors_of("validation ", validation)
+    row |= _errors_of("", errors) | _errors_of("validation ", validation)
     if result.tables is not None:
         row["tables RMSE [V]"] = result.metrics.identification.rmse_v
         row |= _middle_of(result.fit)
@@ -317,12 +322,12 @@ def row_of(result: Result, warnings: Sequence[Notice]) -> Row:
         "certified": is_certified,
         "proved gap": gap,
         "at bound": "; ".join(f"{hit.name} {hit.side}" for hit in constant.at_bound),
-        **_told([warning for warning in warnings if warning.counts]),
+        **_warning_columns([warning for warning in warnings if warning.counts]),
         "inputs sha256": hashlib.sha256(" ".join(hashes).encode()).hexdigest(),
     }
 
 
-def _told(warnings: Sequence[Notice]) -> dict[str, list[str]]:
+def _warning_columns(warnings: Sequence[Notice]) -> dict[str, list[str]]:
     codes = [warning.code for warning in warnings]
     return {"warnings": [str(warning) for warning in warnings], "warning codes": codes}
 

@@ -108,9 +108,9 @@ def summarize(rows: pl.DataFrame) -> Summary:
     outliers: list[Outlier] = []
     for (circuit,), group in good.group_by("circuit", maintain_order=True):
         for name in summed_up(group):
-            known = group.filter(pl.col(name).is_finite() & (pl.col(name) > 0))
-            if len(known):
-                distribution, far = _distribution(str(circuit), name, known)
+            positive = group.filter(pl.col(name).is_finite() & (pl.col(name) > 0))
+            if len(positive):
+                distribution, far = _distribution(str(circuit), name, positive)
                 distributions.append(distribution)
                 outliers += far
     worst = good.sort("RMSE [V]", descending=True).head(WORST)
@@ -137,21 +137,23 @@ def summed_up(rows: pl.DataFrame) -> list[str]:
 
 
 def _distribution(
-    circuit: str, name: str, known: pl.DataFrame
+    circuit: str, name: str, rows: pl.DataFrame
 ) -> tuple[Distribution, list[Outlier]]:
-    values = known[name].to_numpy()
+    values = rows[name].to_numpy()
     logarithms = np.log(values)
     median = float(np.median(logarithms))
     sd = TO_SD * float(np.median(np.abs(logarithms - median)))
     low, middle, high = np.quantile(values, [0.05, 0.5, 0.95]).tolist()
-    is_bound = known["at bound"].str.contains(name, literal=True)
-    found = Distribution(circuit, name, len(values), int(is_bound.sum()), low, middle, high, sd)
+    is_bound = rows["at bound"].str.contains(name, literal=True)
+    distribution = Distribution(
+        circuit, name, len(values), int(is_bound.sum()), low, middle, high, sd
+    )
     if len(values) < FEWEST or sd < LEAST_SD:
-        return found, []
+        return distribution, []
     deviations = (logarithms - median) / sd
-    return found, [
-        Outlier(known["id"][place], name, float(values[place]), middle, float(deviations[place]))
-        for place in np.flatnonzero(np.abs(deviations) > OUTLYING).tolist()
+    return distribution, [
+        Outlier(rows["id"][index], name, float(values[index]), middle, float(deviations[index]))
+        for index in np.flatnonzero(np.abs(deviations) > OUTLYING).tolist()
     ]
 
 
@@ -159,12 +161,12 @@ def _causes(rows: pl.DataFrame, text: str, code: str) -> tuple[Cause, ...]:
     """Causes, the most frequent first: one for texts of one code that differ in names and numbers
     only."""
     causes: dict[str, tuple[str, list[str]]] = {}
-    for name, said, own in rows.select("id", text, code).iter_rows():
+    for name, said, kind in rows.select("id", text, code).iter_rows():
         # Without the file's name.
         cause = re.sub(r"^[^:]*\.\w+: ", "", said)
         shape = re.sub(r"\b\d+(\.\d+)?|'[^']*'", "#", cause)
         # A message without a code of its own is in one family with any other.
-        key = shape if own in (None, REFUSED) else f"{own}: {shape}"
+        key = shape if kind in (None, REFUSED) else f"{kind}: {shape}"
         causes.setdefault(key, (cause, []))[1].append(name)
-    found = [Cause(cause, tuple(dict.fromkeys(ids))) for cause, ids in causes.values()]
-    return tuple(sorted(found, key=lambda failure: -len(failure.ids)))
+    causes_by_count = [Cause(cause, tuple(dict.fromkeys(ids))) for cause, ids in causes.values()]
+    return tuple(sorted(causes_by_count, key=lambda failure: -len(failure.ids)))

@@ -70,9 +70,9 @@ class Fault:
 class Life:
     """A fleet over its ages, which are counted in `unit` from the first. `judged` has the models,
     by quantity. `cycles` are equivalent full cycles of each cell at its last record, as far as
-    `cycles_known`; otherwise those within the records alone. Of so many rows whose capacity is told
-    no record from full to a rest near empty tells it, `without_empty`. So many rows without a name
-    or an age are left out, `without_age`, and `twice` are those of one cell at one age."""
+    `counts_cycles`; otherwise those within the records alone. `without_empty` counts the rows whose
+    capacity no record from full to a rest near empty shows, `without_age` those left out for
+    want of a name or an age; `twice` are rows of one cell at one age."""
 
     unit: str
     first_age: float
@@ -85,7 +85,7 @@ class Life:
     judged: dict[str, Fleet]
     reference_degc: float | None
     cycles: dict[str, float]
-    cycles_known: bool
+    counts_cycles: bool
     failed: tuple[tuple[str, str], ...]
     rows: int
     without_empty: int
@@ -102,8 +102,8 @@ class Life:
     def along(self, trend: Trend, count: int = 80) -> tuple[np.ndarray, np.ndarray]:
         """Ages, and the trend with its interval between the first and the last estimate."""
         names, judged = self.judged[trend.quantity]
-        known = trend.age[np.isfinite(trend.measured[:, 0])]
-        age = np.linspace(known.min(), known.max(), count)
+        ages = trend.age[np.isfinite(trend.measured[:, 0])]
+        age = np.linspace(ages.min(), ages.max(), count)
         at = (age - self.first_age) / self.span
         return age, _smooth(judged, names.index(trend.cell), at, trend.quantity)
 
@@ -165,26 +165,26 @@ def life_of(
     if throughput is not None:
         passed_ah = ampere_hours(good[_column(good, throughput, (), "throughput")], throughput)
     good = good.with_columns(_passed=passed_ah)
-    own = {name: good.filter(pl.col(names) == name) for name in cells}
-    spans = [float(np.ptp(rows["_age"].to_numpy())) for rows in own.values()]
-    nominal_ah = {name: float(rows["capacity [A.h]"][0]) for name, rows in own.items()}
+    by_cell = {name: good.filter(pl.col(names) == name) for name in cells}
+    spans = [float(np.ptp(rows["_age"].to_numpy())) for rows in by_cell.values()]
+    nominal_ah = {name: float(rows["capacity [A.h]"][0]) for name, rows in by_cell.items()}
     if unit == "A.h":
         years = 1 / (CYCLES_A_YEAR * 2 * float(np.median([*nominal_ah.values()])))
     expected = false_alarms * years * sum(spans) / len(QUANTITIES)
     trends, faults, judged = [], [], {}
     for quantity in QUANTITIES:
-        fleet = _judged(own, quantity, expected, np.random.default_rng(key))
+        fleet = _judged(by_cell, quantity, expected, np.random.default_rng(key))
         if fleet is not None:
             judged[quantity] = fleet
             faults += _faults(quantity, *fleet, first, span)
-        trends += _trends(own, quantity, fleet)
+        trends += _trends(by_cell, quantity, fleet)
     told = good.filter(pl.col(f"aged {CAPACITY}").is_not_null())
     without_empty = len(told)
     if TO_EMPTY in told.columns:
         without_empty -= int(told[TO_EMPTY].cast(pl.Boolean).sum() or 0)
-    passed = {name: float(rows["record throughput [A.h]"].sum()) for name, rows in own.items()}
+    passed = {name: float(rows["record throughput [A.h]"].sum()) for name, rows in by_cell.items()}
     if passed_ah is not None:
-        passed = {name: _last_passed_ah(rows, name, throughput) for name, rows in own.items()}
+        passed = {name: _last_passed_ah(rows, name, throughput) for name, rows in by_cell.items()}
     return Life(
         unit, first, span, sum(spans) * years, false_alarms, cells, tuple(trends),
         tuple(sorted(faults, key=lambda fault: -abs(fault.deviations))), judged, reference_degc,
@@ -197,62 +197,64 @@ def life_of(
 
 def _last_passed_ah(rows: pl.DataFrame, cell: str, throughput: str | None) -> float:
     """The ampere-hours since new that a cell's last row with any tells."""
-    known = rows["_passed"].drop_nulls().to_list()
-    if not known:
+    passed_ah = rows["_passed"].drop_nulls().to_list()
+    if not passed_ah:
         raise InputError(f"`throughput` {throughput}: no row of {cell} has ampere-hours there")
-    return float(known[-1])
+    return float(passed_ah[-1])
 
 
 def _column(rows: pl.DataFrame, chosen: str | None, usual: Iterable[str], option: str) -> str:
     """The chosen column, else the first whose name is usual."""
     measured = re.compile(r"id|record throughput \[A\.h\]|aged .*")
-    own = [name for name in rows.columns if not measured.fullmatch(name)]
-    found = [name for start in usual for name in own if name.lower().startswith(start)]
-    if chosen in rows.columns or (chosen is None and found):
-        return chosen or found[0]
+    columns = [name for name in rows.columns if not measured.fullmatch(name)]
+    usual_columns = [name for start in usual for name in columns if name.lower().startswith(start)]
+    if chosen in rows.columns or (chosen is None and usual_columns):
+        return chosen or usual_columns[0]
     raise InputError(
-        f"`{option}` {chosen or 'is not given'}: no such column; the dataset has {listed(own)}"
+        f"`{option}` {chosen or 'is not given'}: no such column; the dataset has {listed(columns)}"
     )
 
 
 def _judged(
-    own: dict[str, pl.DataFrame], quantity: str, expected: float, rng: np.random.Generator
+    by_cell: dict[str, pl.DataFrame], quantity: str, expected: float, rng: np.random.Generator
 ) -> Fleet | None:
     """The cells of which a quantity is known, and their model; None where there are none."""
-    is_known = pl.col(f"aged {quantity}").is_not_null()
-    known = {name: rows.filter(is_known) for name, rows in own.items()}
-    known = {name: rows for name, rows in known.items() if len(rows)}
-    if not known:
+    is_given = pl.col(f"aged {quantity}").is_not_null()
+    given = {name: rows.filter(is_given) for name, rows in by_cell.items()}
+    given = {name: rows for name, rows in given.items() if len(rows)}
+    if not given:
         return None
-    series = _series(known, quantity)
-    is_enough = np.count_nonzero(series.known.sum(axis=1) > 2) >= FEWEST
-    return tuple(known), judge(series, expected if is_enough else 0.0, rng)
+    series = _series(given, quantity)
+    is_enough = np.count_nonzero(series.is_estimate.sum(axis=1) > 2) >= FEWEST
+    return tuple(given), judge(series, expected if is_enough else 0.0, rng)
 
 
-def _series(known: dict[str, pl.DataFrame], quantity: str) -> Series:
+def _series(by_cell: dict[str, pl.DataFrame], quantity: str) -> Series:
     """The estimates of a quantity. Where it is told beside an OCV, that is a little wrong, and so
     are all estimates beside it."""
-    shape = len(known), max(map(len, known.values()))
-    ocvs = sorted({ocv or "" for rows in known.values() for ocv in rows[OCV]})
-    sizes = {size for rows in known.values() for size in rows[f"aged {quantity} by OCV"].list.len()}
+    shape = len(by_cell), max(map(len, by_cell.values()))
+    ocvs = sorted({ocv or "" for rows in by_cell.values() for ocv in rows[OCV]})
+    sizes = {
+        size for rows in by_cell.values() for size in rows[f"aged {quantity} by OCV"].list.len()
+    }
     is_few, width = len(ocvs) <= MOST_OCVS, max(sizes)
     series = Series(
         age=np.zeros(shape),
         value=np.zeros(shape),
         variance=np.zeros(shape),
-        known=np.zeros(shape, bool),
+        is_estimate=np.zeros(shape, bool),
         covariate=np.zeros(shape),
         of_fleet=np.zeros((*shape, width * len(ocvs) if is_few else 0)),
         of_cell=np.zeros((*shape, 0 if is_few else width)),
     )
-    for place, rows in enumerate(known.values()):
-        here = place, slice(len(rows))
+    for index, rows in enumerate(by_cell.values()):
+        here = index, slice(len(rows))
         measured = _measured(rows, quantity)
         numbers = measured if quantity == SHIFT else np.log(measured)
         by_ocv = np.array(rows[f"aged {quantity} by OCV"].to_list())
         if quantity != SHIFT:
             by_ocv = by_ocv / measured[:, :1]
-        series.age[here], series.known[here] = rows["_at"].to_numpy(), True
+        series.age[here], series.is_estimate[here] = rows["_at"].to_numpy(), True
         series.value[here] = numbers[:, 0]
         variance = ((numbers[:, 2] - numbers[:, 1]) / (2 * REACH)) ** 2
         series.variance[here] = np.maximum(variance - np.sum(by_ocv**2, axis=1), 0.0)
@@ -276,33 +278,35 @@ def _condensed(errors: Float[np.ndarray, "cells n errors"]) -> Float[np.ndarray,
 def _faults(
     quantity: str, names: tuple[str, ...], judged: Judged, first: float, span: float
 ) -> Iterator[Fault]:
-    for place, shape in judged.faults.items():
+    for index, shape in judged.faults.items():
         by_age = span if shape.kind in ("slope", "knee") else 1.0
         yield Fault(
-            names[place], quantity, shape.kind, first + span * shape.age, shape.size / by_age,
+            names[index], quantity, shape.kind, first + span * shape.age, shape.size / by_age,
             shape.deviations,
         )  # fmt: skip
 
 
-def _trends(own: dict[str, pl.DataFrame], quantity: str, fleet: Fleet | None) -> Iterator[Trend]:
-    for name, rows in own.items():
+def _trends(
+    by_cell: dict[str, pl.DataFrame], quantity: str, fleet: Fleet | None
+) -> Iterator[Trend]:
+    for name, rows in by_cell.items():
         age, measured = rows["_age"].to_numpy(), _measured(rows, quantity)
         smooth = np.full_like(measured, np.nan)
-        known = age[np.isfinite(measured[:, 0])]
-        if len(known) and fleet is not None:
-            (names, judged), inside = fleet, (age >= known.min()) & (age <= known.max())
-            place = names.index(name)
-            smooth[inside] = _smooth(judged, place, rows["_at"].to_numpy()[inside], quantity)
+        ages = age[np.isfinite(measured[:, 0])]
+        if len(ages) and fleet is not None:
+            (names, judged), inside = fleet, (age >= ages.min()) & (age <= ages.max())
+            index = names.index(name)
+            smooth[inside] = _smooth(judged, index, rows["_at"].to_numpy()[inside], quantity)
             if quantity != SHIFT:
-                to_reference = np.exp(-judged.fit.covariate_part(place))
+                to_reference = np.exp(-judged.fit.covariate_part(index))
                 measured[np.isfinite(measured[:, 0])] *= to_reference[:, None]
         yield Trend(name, quantity, age, measured, smooth)
 
 
-def _smooth(judged: Judged, place: int, age: np.ndarray, quantity: str) -> np.ndarray:
-    value, error = judged.fit.trend(place, age)
-    found = np.stack([value, value - REACH * error, value + REACH * error], axis=1)
-    return found if quantity == SHIFT else np.exp(found)
+def _smooth(judged: Judged, index: int, age: np.ndarray, quantity: str) -> np.ndarray:
+    value, error = judged.fit.trend(index, age)
+    band = np.stack([value, value - REACH * error, value + REACH * error], axis=1)
+    return band if quantity == SHIFT else np.exp(band)
 
 
 def _measured(rows: pl.DataFrame, quantity: str) -> np.ndarray:

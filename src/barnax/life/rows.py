@@ -168,10 +168,10 @@ def _date(text: str | None, row: int, name: str) -> datetime.datetime | None:
 
 
 def ageing_row(
-    records: Sequence[PreparedRecord], *, is_own: bool = False
+    records: Sequence[PreparedRecord], *, is_fitted_ocv: bool = False
 ) -> tuple[dict[str, Any], list[Notice]]:
     """Values of a cell's ageing from its records at one age, under "aged" names, and what is
-    doubtful of them; `is_own` where no other records, and no OCV test, told its OCV."""
+    doubtful of them; `is_fitted_ocv` where no other records, and no OCV test, gave its OCV."""
     passed_as = sum(
         float(np.abs(prepared.record.interval_current_a) @ np.diff(prepared.record.time_s))
         for prepared in records
@@ -181,36 +181,36 @@ def ageing_row(
         "record throughput [A.h]": passed_as / 3600,
         "aged beside OCV": hashlib.sha256(ocv_v.tobytes()).hexdigest()[:16],
     }
-    is_own = is_own and records[0].cell.is_of_records
-    told = measure_ageing(records, TableSettings(), is_own=is_own)
-    capacity = told.get(CAPACITY)
+    is_fitted_ocv = is_fitted_ocv and records[0].cell.is_of_records
+    ageing = measure_ageing(records, TableSettings(), is_own=is_fitted_ocv)
+    capacity = ageing.get(CAPACITY)
     row["aged capacity to empty"] = capacity and shows_both_ends(records, capacity.value)
     row[EVIDENCE] = None
     for name in AGED:
-        value = told.get(name)
-        is_told = value is not None and value.is_determined
+        value = ageing.get(name)
+        is_determined = value is not None and value.is_determined
         for end in ("value", "low", "high"):
             column = f"aged {name}" + f" {end}" * (end != "value")
-            row[column] = getattr(value, end) if is_told else None
+            row[column] = getattr(value, end) if is_determined else None
         row[f"aged {name} by OCV"] = value and [*value.by_ocv]
         row[f"aged {name} by shape"] = None
         if value is not None and len(value.by_shape) == len(SHAPES_V):
             row[EVIDENCE] = [*value.log_evidence]
             row[f"aged {name} by shape"] = [*itertools.chain(*value.by_shape)]
-    return row, [*_doubts(told, records[0])]
+    return row, [*_doubts(ageing, records[0])]
 
 
-def _doubts(told: Mapping[str, Aged], used: PreparedRecord) -> Iterator[Notice]:
+def _doubts(ageing: Mapping[str, Aged], used: PreparedRecord) -> Iterator[Notice]:
     """That values have not settled, and that a record shows another capacity than that of its
     circuit, by more than is of account."""
-    if not all(value.is_settled for value in told.values()):
+    if not all(value.is_settled for value in ageing.values()):
         yield Notice("ageing.not-settled", subject=used.record.name)
-    found = told.get(CAPACITY)
-    if found is None or not found.is_determined:
+    capacity = ageing.get(CAPACITY)
+    if capacity is None or not capacity.is_determined:
         return
-    nearest_ah = min(max(used.capacity_ah, found.low), found.high)
+    nearest_ah = min(max(used.capacity_ah, capacity.low), capacity.high)
     if abs(nearest_ah / used.capacity_ah - 1) > OTHER_CAPACITY:
-        ends = {"low_ah": found.low, "high_ah": found.high, "used_ah": used.capacity_ah}
+        ends = {"low_ah": capacity.low, "high_ah": capacity.high, "used_ah": used.capacity_ah}
         yield Notice("ageing.other-capacity", ends, used.record.name)
 
 
@@ -222,33 +222,38 @@ def with_pooled_shapes(
     if EVIDENCE not in rows.columns:
         return rows
     evidence = np.full((len(rows), len(SHAPE_ODDS)), np.nan)
-    is_told = rows[EVIDENCE].is_not_null().to_numpy()
-    if is_told.any():
-        evidence[is_told] = np.array(rows[EVIDENCE].drop_nulls().to_list(), float)
-    is_known = np.all(np.isfinite(evidence), axis=1)
-    if not is_known.any():
+    has_evidence = rows[EVIDENCE].is_not_null().to_numpy()
+    if has_evidence.any():
+        evidence[has_evidence] = np.array(rows[EVIDENCE].drop_nulls().to_list(), float)
+    is_finite = np.all(np.isfinite(evidence), axis=1)
+    if not is_finite.any():
         return rows
-    known = rows.filter(is_known)
-    cells = np.unique(known[names].to_numpy(), return_inverse=True)[1]
-    at = known[ages].cast(pl.Float64).to_numpy()
-    shares, columns = pooled_shares(evidence[is_known], cells, at), {}
+    used = rows.filter(is_finite)
+    cells = np.unique(used[names].to_numpy(), return_inverse=True)[1]
+    at = used[ages].cast(pl.Float64).to_numpy()
+    shares, columns = pooled_shares(evidence[is_finite], cells, at), {}
     for quantity in quantities:
-        told = known[f"aged {quantity} by shape"]
-        here = told.is_not_null().to_numpy()
+        cell_shapes = used[f"aged {quantity} by shape"]
+        here = cell_shapes.is_not_null().to_numpy()
         if not here.any():
             continue
-        by_shape = np.array(told.drop_nulls().to_list()).reshape(here.sum(), len(SHAPE_ODDS), -1)
-        mean, own = np.einsum("rs,rsn->rn", shares[here], by_shape), np.flatnonzero(is_known)[here]
+        by_shape = np.array(cell_shapes.drop_nulls().to_list()).reshape(
+            here.sum(), len(SHAPE_ODDS), -1
+        )
+        mean, positions = (
+            np.einsum("rs,rsn->rn", shares[here], by_shape),
+            np.flatnonzero(is_finite)[here],
+        )
         value, off = mean[:, 0].copy(), by_shape[..., 0] - mean[:, :1]
         error = np.sqrt(np.sum(shares[here] * (by_shape[..., 1] ** 2 + off**2), axis=1))
         value[~is_determined(quantity, value, error)] = np.nan
         for end, sign in (("", 0.0), (" low", -1.0), (" high", 1.0)):
             column = rows[f"aged {quantity}{end}"].cast(pl.Float64).to_numpy(writable=True)
-            column[own] = value + sign * REACH * error
+            column[positions] = value + sign * REACH * error
             columns[f"aged {quantity}{end}"] = pl.Series(column, nan_to_null=True)
         by_ocv = rows[f"aged {quantity} by OCV"].to_list()
-        for place, moved in zip(own.tolist(), mean[:, 2:].tolist(), strict=True):
-            by_ocv[place] = moved
+        for position, moved in zip(positions.tolist(), mean[:, 2:].tolist(), strict=True):
+            by_ocv[position] = moved
         columns[f"aged {quantity} by OCV"] = pl.Series(by_ocv, dtype=pl.List(pl.Float64))
     return rows.with_columns(**columns)
 
@@ -262,15 +267,15 @@ def pooled_shares(
     span = float(np.ptp(ages)) or 1.0
     middles = ages.min() + span * (np.arange(PARTS) + 0.5) / PARTS
     parts = np.argmin(np.abs(ages[:, None] - middles), axis=1)
-    own, shares = softmax(log_evidence, axis=1), np.empty_like(log_evidence)
+    by_row, shares = softmax(log_evidence, axis=1), np.empty_like(log_evidence)
     for part in np.unique(parts):
         here, away = parts == part, np.abs(ages - middles[part])
         nearest = np.lexsort((away, cells))
         voters = nearest[np.unique(cells[nearest], return_index=True)[1]]
         voters = voters[away[voters] <= NEAR * span]
-        odds, of_voters = np.ones_like(SHAPE_ODDS), own[voters]
+        odds, of_voters = np.ones_like(SHAPE_ODDS), by_row[voters]
         for _ in range(ROUNDS):
-            of_voters = odds * own[voters]
+            of_voters = odds * by_row[voters]
             of_voters /= np.sum(of_voters, axis=1, keepdims=True)
             odds = np.sum(of_voters, axis=0) + SHAPE_ODDS
         of_cells = np.zeros((cells.max() + 1, len(SHAPE_ODDS)))
@@ -278,6 +283,6 @@ def pooled_shares(
         others = np.maximum(np.sum(of_voters, axis=0) - of_cells[cells[here]], 0.0)
         by_others = others + SHAPE_ODDS
         by_others /= np.sum(by_others, axis=1, keepdims=True)
-        found = ((1 - ANOTHER) * by_others + ANOTHER * SHAPE_ODDS) * own[here]
-        shares[here] = found / np.sum(found, axis=1, keepdims=True)
+        product = ((1 - ANOTHER) * by_others + ANOTHER * SHAPE_ODDS) * by_row[here]
+        shares[here] = product / np.sum(product, axis=1, keepdims=True)
     return shares

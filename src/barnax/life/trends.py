@@ -46,17 +46,17 @@ Cells = Float[np.ndarray, "cells n"]
 @dataclass(frozen=True)
 class Series:
     """A quantity of many cells: ages in a unit of the longest, estimates, their variances and a
-    covariate, filled up to one length; `known` says where there is an estimate. Beside errors of
-    its own, whose variance that is, an estimate has errors that it shares with all cells, and such
-    that it shares with its cell's: what one standard deviation of each adds to it."""
+    covariate, filled up to one length, with estimates where `is_estimate`. Beside the error whose
+    variance that is, an estimate has errors that it shares with all cells, and such that it shares
+    with its cell's: what one standard deviation of each adds to it."""
 
     age: Cells
     value: Cells
     variance: Cells
-    known: Bool[np.ndarray, "cells n"]
+    is_estimate: Bool[np.ndarray, "cells n"]
     covariate: Cells
     of_fleet: Float[np.ndarray, "cells n errors"]
-    of_cell: Float[np.ndarray, "cells n own_errors"]
+    of_cell: Float[np.ndarray, "cells n cell_errors"]
 
     def only(self, cells: Bool[np.ndarray, "cells"]) -> "Series":
         """Some of the cells."""
@@ -93,8 +93,8 @@ class Shape:
 
 def _shape(kind: str, start: float, age: np.ndarray) -> np.ndarray:
     later = np.maximum(age - start, 0.0)
-    found = {"level": np.ones_like(age), "slope": age, "knee": later}
-    return found[kind] if kind in found else (age > start) * 1.0
+    columns = {"level": np.ones_like(age), "slope": age, "knee": later}
+    return columns[kind] if kind in columns else (age > start) * 1.0
 
 
 def wiener(one: np.ndarray, other: np.ndarray) -> np.ndarray:
@@ -118,15 +118,15 @@ class Fit:
     good: Bool[np.ndarray, "cells"]
     added: tuple[tuple[int, Shape], ...] = ()
 
-    def own(self, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    def cell_covariance(self, one: np.ndarray, other: np.ndarray) -> np.ndarray:
         """The covariance of what is a cell's own, between its ages."""
         its = self.spread
         line = its.level**2 + its.slope**2 * one[..., None] * other[..., None, :]
         return line + its.bend**2 * wiener(one, other)
 
-    def _own_of(self, cell: int, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    def _covariance_of(self, cell: int, one: np.ndarray, other: np.ndarray) -> np.ndarray:
         """The same of one cell, with the shape that it alone has."""
-        covariance = self.own(one, other)
+        covariance = self.cell_covariance(one, other)
         if (shape := dict(self.added).get(cell)) is not None:
             here = np.multiply.outer(shape.at(one), shape.at(other))
             # What departs from the fleet bends as no good cell does.
@@ -145,28 +145,28 @@ class Fit:
 
     @cached_property
     def has_covariate(self) -> bool:
-        known = self.series.covariate[self.series.known]
-        return bool(np.ptp(known) > 0) if known.size else False
+        covariate = self.series.covariate[self.series.is_estimate]
+        return bool(np.ptp(covariate) > 0) if covariate.size else False
 
     @cached_property
     def root(self) -> np.ndarray:
         """The Cholesky factor of every cell's covariance; what is filled up is apart."""
         its = self.series
-        both = its.known[:, :, None] & its.known[:, None, :]
-        own = self.own(its.age, its.age)
+        both = its.is_estimate[:, :, None] & its.is_estimate[:, None, :]
+        covariance = self.cell_covariance(its.age, its.age)
         for cell, _ in self.added:
-            own[cell] = self._own_of(cell, its.age[cell], its.age[cell])
-        covariance = np.where(both, own + its.of_cell @ its.of_cell.mT, 0.0)
+            covariance[cell] = self._covariance_of(cell, its.age[cell], its.age[cell])
+        masked = np.where(both, covariance + its.of_cell @ its.of_cell.mT, 0.0)
         variance = self.spread.share**2 * its.variance + self.spread.scatter**2
-        noise = np.where(its.known, variance, 1.0)
-        return np.linalg.cholesky(covariance + noise[:, :, None] * np.eye(its.age.shape[1]))
+        noise = np.where(its.is_estimate, variance, 1.0)
+        return np.linalg.cholesky(masked + noise[:, :, None] * np.eye(its.age.shape[1]))
 
     @cached_property
     def white(self) -> tuple[np.ndarray, np.ndarray]:
         """X and y in units of the noise."""
         its = self.series
-        columns = self.columns(its.age, its.covariate, its.of_fleet) * its.known[:, :, None]
-        value = np.where(its.known, its.value, 0.0)[:, :, None]
+        columns = self.columns(its.age, its.covariate, its.of_fleet) * its.is_estimate[:, :, None]
+        value = np.where(its.is_estimate, its.value, 0.0)[:, :, None]
         return np.linalg.solve(self.root, columns), np.linalg.solve(self.root, value)[:, :, 0]
 
     @cached_property
@@ -191,67 +191,67 @@ class Fit:
         """The restricted one, up to a constant."""
         normal, right = self.sums
         logarithms = 2 * np.sum(np.log(np.diagonal(self.root, axis1=1, axis2=2)))
-        found = np.linalg.slogdet(normal)[1] + logarithms + np.sum(self.white[1] ** 2)
-        return float(found - right @ np.linalg.solve(normal, right))
+        constant = np.linalg.slogdet(normal)[1] + logarithms + np.sum(self.white[1] ** 2)
+        return float(constant - right @ np.linalg.solve(normal, right))
 
     def covariate_part(self, cell: int) -> np.ndarray:
         """The covariate's part of each of a cell's estimates."""
-        known = self.series.known[cell]
+        is_estimate = self.series.is_estimate[cell]
         if not self.has_covariate:
-            return np.zeros(np.count_nonzero(known))
-        return self.fleet_with(cell)[1][2] * self.series.covariate[cell][known]
+            return np.zeros(np.count_nonzero(is_estimate))
+        return self.fleet_with(cell)[1][2] * self.series.covariate[cell][is_estimate]
 
     def trend(self, cell: int, age: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """A cell's trend at some ages, without what the covariate and errors in common add, and its
         standard errors."""
-        its, known = self.series, self.series.known[cell]
-        root = self.root[cell][np.ix_(known, known)]
-        columns, value = (part[cell][known] for part in self.white)
-        link = np.linalg.solve(root, self._own_of(cell, its.age[cell][known], age))
+        its, is_estimate = self.series, self.series.is_estimate[cell]
+        root = self.root[cell][np.ix_(is_estimate, is_estimate)]
+        columns, value = (part[cell][is_estimate] for part in self.white)
+        link = np.linalg.solve(root, self._covariance_of(cell, its.age[cell][is_estimate], age))
         here = self.columns(age, np.zeros_like(age), np.zeros((len(age), its.of_fleet.shape[2])))
         rest = here - link.T @ columns
         inverse, beta = self.fleet_with(cell)
-        found = here @ beta + link.T @ (value - columns @ beta)
-        prior = np.diagonal(self._own_of(cell, age, age))
+        mean = here @ beta + link.T @ (value - columns @ beta)
+        prior = np.diagonal(self._covariance_of(cell, age, age))
         variance = prior - np.sum(link**2, axis=0)
         variance = variance + np.einsum("ai,ij,aj->a", rest, inverse, rest)
-        return found, np.sqrt(np.maximum(variance, 0.0))
+        return mean, np.sqrt(np.maximum(variance, 0.0))
 
     def scores(self, cell: int) -> tuple[list[Shape], np.ndarray]:
         """The addition of every possible fault to a cell, and the correlation of their scores."""
-        its, known = self.series, self.series.known[cell]
-        age = its.age[cell][known]
-        places = range(ASIDE, len(age) - ASIDE)
+        its, is_estimate = self.series, self.series.is_estimate[cell]
+        age = its.age[cell][is_estimate]
+        inner = range(ASIDE, len(age) - ASIDE)
         asked = [("level", 0.0), ("slope", 0.0)] if len(age) > 1 else []
-        asked += [("knee", float(age[place])) for place in places]
+        asked += [("knee", float(age[index])) for index in inner]
         between = range(ASIDE, len(age) - ASIDE + 1)
-        asked += [("step", float(age[place - 1 : place + 1].mean())) for place in between]
+        asked += [("step", float(age[index - 1 : index + 1].mean())) for index in between]
         if not asked:
             return [], np.empty((0, 0))
-        root = self.root[cell][np.ix_(known, known)]
-        columns, value = (part[cell][known] for part in self.white)
+        root = self.root[cell][np.ix_(is_estimate, is_estimate)]
+        columns, value = (part[cell][is_estimate] for part in self.white)
         shapes = np.linalg.solve(root, np.stack([_shape(*fault, age) for fault in asked], axis=1))
         seen = shapes.T @ columns
         inverse, beta = self.fleet_with(cell)
-        own = shapes.T @ shapes - seen @ inverse @ seen.T
+        information = shapes.T @ shapes - seen @ inverse @ seen.T
         pushes = shapes.T @ (value - columns @ beta)
-        strength = np.sqrt(np.maximum(np.diag(own), 1e-12))
-        found = [
+        strength = np.sqrt(np.maximum(np.diag(information), 1e-12))
+        additions = [
             Shape(*fault, float(push / by**2), float(push / by))
             for fault, push, by in zip(asked, pushes, strength, strict=True)
         ]
-        return found, own / np.outer(strength, strength)
+        return additions, information / np.outer(strength, strength)
 
 
 def fit(series: Series) -> Fit:
     """The model of the largest restricted likelihood."""
-    known = series.known
-    scale = float(np.std(series.value[known])) or 1.0
-    typical = float(np.sqrt(np.median(series.variance[known])))
+    is_estimate = series.is_estimate
+    scale = float(np.std(series.value[is_estimate])) or 1.0
+    typical = float(np.sqrt(np.median(series.variance[is_estimate])))
     lowest = np.log(1e-3 * min(scale, typical) if typical else 1e-6 * scale)
 
     def at(logarithms: np.ndarray) -> Fit:
-        return Fit(series, Spread(*np.exp(logarithms).tolist()), np.ones(len(known), bool))
+        return Fit(series, Spread(*np.exp(logarithms).tolist()), np.ones(len(is_estimate), bool))
 
     start = [0.5 * scale, 0.3 * scale, 0.1 * scale, scale, max(0.5 * typical, 1e-3 * scale), 0.9]
     best = minimize(
@@ -293,15 +293,15 @@ def judge(series: Series, expected: float, rng: np.random.Generator) -> Judged:
     model = of_all
     judged = Judged(of_all, (), np.inf)
     # Many faults hide each other in variances that they make large.
-    found = map(of_all.scores, range(len(everyone)))
-    odds = [max(map(_deviations, shapes), default=0.0) for shapes, _ in found]
+    scores = map(of_all.scores, range(len(everyone)))
+    odds = [max(map(_deviations, shapes), default=0.0) for shapes, _ in scores]
     good = np.array(odds) <= np.quantile(odds, KEPT) if expected > 0 else everyone
     for _ in range(ROUNDS):
         model = of_all if good.all() else Fit(series, fit(series.only(good)).spread, good)
-        found = [model.scores(cell) for cell in range(len(good))]
-        correlations = [correlation for _, correlation in found]
+        scores = [model.scores(cell) for cell in range(len(good))]
+        correlations = [correlation for _, correlation in scores]
         threshold = _threshold(correlations, int(good.sum()), expected, rng)
-        worst = [max(shapes, key=_deviations, default=None) for shapes, _ in found]
+        worst = [max(shapes, key=_deviations, default=None) for shapes, _ in scores]
         judged = Judged(model, tuple(worst), threshold)
         now = np.array([cell not in judged.faults for cell in range(len(good))])
         if np.array_equal(now, good) or np.count_nonzero(now) < len(good) / 2:
@@ -324,7 +324,7 @@ def _threshold(
         return np.inf
     drawn = judged
     if len(judged) > MOST_SIMULATED:
-        drawn = [judged[place] for place in rng.choice(len(judged), MOST_SIMULATED, replace=False)]
+        drawn = [judged[index] for index in rng.choice(len(judged), MOST_SIMULATED, replace=False)]
     largest = []
     for matrix in drawn:
         values, vectors = np.linalg.eigh(matrix)

@@ -101,7 +101,7 @@ class Ecosystem(AbstractSortedSearch):
         shape, dtype = (self.population, len(box.lower)), box.lower.dtype
         top, bottom, decay = normal(normal_key, (3, *shape), dtype)
         numbers = jr.uniform(uniform_key, (7 * self.population + shape[1],), dtype)
-        place, numbers = numbers[: shape[1]], numbers[shape[1] :].reshape(7, self.population, 1)
+        position, numbers = numbers[: shape[1]], numbers[shape[1] :].reshape(7, self.population, 1)
         diet, share, chance, third, coin, other_coin, wander = numbers
         half = (generation + 1) // 2
         wander = (1 - half.astype(dtype) / ((self.iterations + 1) // 2)) * wander[0, 0]
@@ -115,7 +115,7 @@ class Ecosystem(AbstractSortedSearch):
         spread = 3 * jnp.where(other_coin < 0.5, decay[:, :1], decay)
         weight = jnp.where(coin < 0.5, third, 2 * third) - 1
         return Season(
-            producer=wander * box.scale(place),
+            producer=wander * box.scale(position),
             stay=1 - wander,
             from_producer=factor * on_producer,
             from_other=factor * (1 - on_producer),

@@ -65,20 +65,20 @@ class WhaleSearch(AbstractLedSearch):
         dtype, columns = box.lower.dtype, 1 if self.one_random_whale else len(box.lower)
         progress = (generation - 1).astype(dtype) / self.iterations
         a = 2 - 2 * progress
-        own_key, whale_key = jr.split(key)
-        own = jr.uniform(own_key, (4, self.population, 1), dtype)
-        turn = 1 - (2 + progress) * own[2]
+        number_key, whale_key = jr.split(key)
+        numbers = jr.uniform(number_key, (4, self.population, 1), dtype)
+        turn = 1 - (2 + progress) * numbers[2]
         shape = (self.population, columns)
         whales = jr.randint(whale_key, shape, 0, self.population, jnp.int32)
         # Told apart here, spiral and circle are one formula below: were both computed there to
         # choose from, the compiler would round their products differently from one number of
         # searches to another.
         spiral = jnp.exp(turn) * jnp.cos(2 * jnp.pi * turn)
-        is_spiral = own[3] >= 0.5
-        circle = a - 2 * a * own[0]
+        is_spiral = numbers[3] >= 0.5
+        circle = a - 2 * a * numbers[0]
         return Swim(
             step=jnp.where(is_spiral, spiral, circle),
-            weight=jnp.where(is_spiral, 1, 2 * own[1]),
+            weight=jnp.where(is_spiral, 1, 2 * numbers[1]),
             follows_random=~is_spiral & (jnp.abs(circle) >= 1),
             whale=whales,
         )
@@ -86,8 +86,8 @@ class WhaleSearch(AbstractLedSearch):
     def propose(self, drawn: Swim, swarm: Swarm, generation: Generation, box: Box) -> Proposal:
         positions, best = swarm.positions, swarm.memory.positions
         random = jnp.take_along_axis(positions, drawn.whale, axis=0)
-        place = jnp.where(drawn.follows_random, random, best)
-        return place + drawn.step * jnp.abs(drawn.weight * place - positions), swarm.memory
+        leader = jnp.where(drawn.follows_random, random, best)
+        return leader + drawn.step * jnp.abs(drawn.weight * leader - positions), swarm.memory
 
 
 class Glide(NamedTuple):

@@ -81,9 +81,9 @@ def ranks(values: Shaped[Array, "items"]) -> Int[Array, "items"]:
     """The place of every item in ascending order, from 0; equal items keep their order."""
     if len(values) > COUNTED:
         return jnp.argsort(jnp.argsort(values, stable=True))
-    place = jnp.arange(len(values), dtype=jnp.int32)
+    index = jnp.arange(len(values), dtype=jnp.int32)
     comes_before = jnp.where(
-        place[:, None] < place[None, :],
+        index[:, None] < index[None, :],
         values[:, None] <= values[None, :],
         values[:, None] < values[None, :],
     )
@@ -364,8 +364,8 @@ def _box(y: Array, options: dict[str, Any]) -> Box:
         )
     ends = options["lower"], options["upper"]
     # Bounds that are traced have no value yet.
-    is_known = not any(isinstance(end, Tracer) for end in ends)
-    if is_known and np.any(np.asarray(ends[0]) > np.asarray(ends[1])):
+    is_concrete = not any(isinstance(end, Tracer) for end in ends)
+    if is_concrete and np.any(np.asarray(ends[0]) > np.asarray(ends[1])):
         raise ValueError(f"the lower bound {ends[0]} is above the upper bound {ends[1]}")
     return Box(*(jnp.broadcast_to(jnp.asarray(end, y.dtype), y.shape).ravel() for end in ends))
 

@@ -47,11 +47,11 @@ def fly(
     limit: Float[Array, "dims"] | float,
 ) -> Flight:
     """The memory with new velocities: the old, and pulls toward the own best place and a guide."""
-    own, common = pulls
+    to_memory, to_guide = pulls
     velocities = (
         inertia * flight.velocities
-        + own * (flight.best.positions - positions)
-        + common * (guides - positions)
+        + to_memory * (flight.best.positions - positions)
+        + to_guide * (guides - positions)
     )
     velocities = jnp.clip(velocities, -limit, limit)
     return Flight(velocities, flight.best)
@@ -92,13 +92,13 @@ class ParticleSwarm(AbstractFlyingSwarm):
     position: `ParticleSwarm(velocity_limit=6.0, bounded=False)`.
     """
 
-    own_pull: float = field(default=2.0, kw_only=True)
+    memory_pull: float = field(default=2.0, kw_only=True)
     swarm_pull: float = field(default=2.0, kw_only=True)
     velocity_limit: float | None = field(default=None, kw_only=True)
     adaptive: bool = field(default=False, kw_only=True)
 
     def draw(self, key: Key[Array, ""], generation: Generation, box: Box) -> Array:
-        pulls = jnp.array([self.own_pull, self.swarm_pull], box.lower.dtype)[:, None, None]
+        pulls = jnp.array([self.memory_pull, self.swarm_pull], box.lower.dtype)[:, None, None]
         return pulls * jr.uniform(key, (2, self.population, len(box.lower)), box.lower.dtype)
 
     def propose(self, drawn: Array, swarm: Swarm, generation: Generation, box: Box) -> Proposal:
@@ -209,10 +209,10 @@ class CoevolvingSwarm(AbstractFlyingSwarm):
         inertia = self.inertia(generation, positions.dtype)
         limit = self.velocity_fraction * box.width
         flown = fly(flight, positions, inertia[None, None], drawn, context.positions, limit)
-        is_own = self._is_own(positions.shape[1])
-        moved = jnp.where(is_own, positions + flown.velocities, context.positions)
+        is_moved = self._is_moved(positions.shape[1])
+        moved = jnp.where(is_moved, positions + flown.velocities, context.positions)
         # The best particle of each sub-swarm, with its own coordinates.
-        losses = jnp.where(is_own, flight.best.losses[:, None], jnp.inf)
+        losses = jnp.where(is_moved, flight.best.losses[:, None], jnp.inf)
         best = jnp.argmin(losses, axis=0)[None]
         joined = jnp.take_along_axis(flight.best.positions, best, axis=0)
         return jnp.concatenate([moved, joined]), Species(flown, context)
@@ -223,7 +223,7 @@ class CoevolvingSwarm(AbstractFlyingSwarm):
         species = Species(flight.landed(moved), better_of_each(context, best_of(offspring)))
         return Swarm(moved.positions, moved.losses, species)
 
-    def _is_own(self, dims: int) -> Bool[Array, "candidates dims"]:
+    def _is_moved(self, dims: int) -> Bool[Array, "candidates dims"]:
         groups = min(self.groups, dims, self.population // 2)
         own = jnp.arange(self.population) % groups
         return own[:, None] == (jnp.arange(dims) * groups // dims)[None]

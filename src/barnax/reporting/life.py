@@ -86,7 +86,7 @@ def life_json(life: "Life") -> str:
         "false alarms a cell and year": life.false_alarms,
         "reference temperature [degC]": life.reference_degc,
         "equivalent full cycles": life.cycles,
-        "equivalent full cycles are complete": life.cycles_known,
+        "equivalent full cycles are complete": life.counts_cycles,
         "spread": {name: vars(judged.fit.spread) for name, (_, judged) in life.judged.items()},
         "thresholds": {
             name: judged.threshold if np.isfinite(judged.threshold) else None

@@ -51,9 +51,9 @@ def test_a_design_knows_only_what_was_measured_at_its_temperature(result):
     cold, between = (believed_of_result(result, degc) for degc in (5.0, 35.0))
     own = {(each.name, each.soc): each.value for each in result.tables.fits[0].intervals}
     assert cold.tables.at("R0 [Ohm]", np.array([0.5]))[0] == own["R0 [Ohm]", 0.5]
-    assert set(cold.known) <= set(own)
-    assert cold.known
-    assert not between.known
+    assert set(cold.half_widths) <= set(own)
+    assert cold.half_widths
+    assert not between.half_widths
     assert np.all(between.worst == 2.0)
     with pytest.raises(InputError, match="one temperature"):
         believed_of_result(result.at_temperature(5.0), 5.0)

@@ -177,7 +177,7 @@ def test_before_with_the_test_and_reached_are_one_quantity(design, result, belie
     other = result.model_copy(update={"tables": part})
     reaching = believed_of(other, None)
     assert before_of(reaching) == before_of(believed)
-    assert reaching.known == believed.known
+    assert reaching.half_widths == believed.half_widths
     assert reaching.printed["R0 [Ohm]", 0.5] > 5 * believed.printed["R0 [Ohm]", 0.5]
     printed = {"R0": reaching.printed["R0 [Ohm]", 0.5]}
     told = design.model_copy(update={"printed": printed, "beyond": reaching.beyond})

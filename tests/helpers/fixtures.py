@@ -36,7 +36,7 @@ def pytest_configure() -> None:
 @pytest.fixture(autouse=True)
 def known_circuits(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """A circuit or an element that a test or a page makes is known there only."""
-    monkeypatch.setattr(CIRCUITS, "_known", dict(CIRCUITS))
+    monkeypatch.setattr(CIRCUITS, "_circuits", dict(CIRCUITS))
     before = dict(ELEMENTS)
     yield
     ELEMENTS.clear()

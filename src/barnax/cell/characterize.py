@@ -199,7 +199,9 @@ def _fitted(points: Points, ocv_fit: OcvFit, hysteresis_fit: HysteresisFit) -> d
     else:
         soc = _shared_soc(charge, discharge)
         fitted_v = [curve(soc) for curve in curves.values()]
-        through_v = [PchipInterpolator(own.soc, own.voltage_v)(soc) for own in curves.values()]
+        through_v = [
+            PchipInterpolator(sweep.soc, sweep.voltage_v)(soc) for sweep in curves.values()
+        ]
         errors["average"] = fit_error(np.mean(fitted_v, axis=0) - np.mean(through_v, axis=0))
         hysteresis = SegmentedHysteresis.fit(soc, charge(soc) - discharge(soc), hysteresis_fit)
         errors["hysteresis"] = fit_error(hysteresis.errors_v)

@@ -148,28 +148,28 @@ class Circuits(Mapping[str, Circuit]):
     """The known circuits by name, and any of them with elements beside: `esc+diffusion`."""
 
     def __init__(self, known: Iterable[Circuit]):
-        self._known = {circuit.name: circuit for circuit in known}
+        self._circuits = {circuit.name: circuit for circuit in known}
 
     def __getitem__(self, name: str) -> Circuit:
         base, *added = name.split("+")
-        if name in self._known or not added:
-            return self._known[name]
+        if name in self._circuits or not added:
+            return self._circuits[name]
         if not all(element in ELEMENTS for element in added):
             raise KeyError(name)
-        return self._known[base].beside(*added)
+        return self._circuits[base].beside(*added)
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._known)
+        return iter(self._circuits)
 
     def __len__(self) -> int:
-        return len(self._known)
+        return len(self._circuits)
 
     def add(self, circuit: Circuit) -> None:
         """Make a circuit known. Raises `InputError` where another one has its name."""
         name = circuit.name
         if self.get(name, circuit) != circuit:
             raise InputError(f"there is another circuit called {name!r}; choose another name")
-        self._known[circuit.name] = circuit
+        self._circuits[circuit.name] = circuit
 
 
 CIRCUITS = Circuits((ISO_RC, SO_RC, ESC, TAKACS, ONE_RC, THREE_RC, FOUR_RC))
@@ -191,7 +191,9 @@ def make_circuit(
     >>> make_circuit("rc-and-diffusion", "rc", "diffusion").parameter_names
     ('R0 [Ohm]', 'R1 [Ohm]', 'C1 [F]', 'R_D [Ohm]', 'tau_D [s]')
     """
-    given = [own if isinstance(own, str) else add_element(own).name for own in elements]
+    given = [
+        element if isinstance(element, str) else add_element(element).name for element in elements
+    ]
     words = description or f"{', '.join(given)}, otherwise as {like}"
     made = replace(get_circuit(like), name=name, description=words, elements=tuple(given))
     CIRCUITS.add(made)

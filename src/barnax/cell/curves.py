@@ -145,7 +145,7 @@ def curve_warnings(curve: AbstractCurve, branch: str | None) -> Iterator[Notice]
     `branch` is its name, if it has one. An OCV rises with SOC; what falls between good points
     is the fit, not the cell.
     """
-    own = {"branch": branch, "fit": curve.kind}
+    curve_values = {"branch": branch, "fit": curve.kind}
     inside = np.linspace(curve.soc[:-1], curve.soc[1:], CHECKS_PER_GAP, endpoint=False, axis=1)
     grid = np.append(inside, curve.soc[-1])
     voltage_v = curve(grid)
@@ -155,7 +155,7 @@ def curve_warnings(curve: AbstractCurve, branch: str | None) -> Iterator[Notice]
         top = int(np.argmax(voltage_v[:worst]))
         at = {"from_soc": grid[top], "to_soc": grid[worst]}
         fault = {"fault": "falls", "fault_v": fall_v[worst]}
-        yield Notice("ocv-curve.fit", {**fault, **at, **own})
+        yield Notice("ocv-curve.fit", {**fault, **at, **curve_values})
     left_v, right_v = curve.voltage_v[:-1], curve.voltage_v[1:]
     margin_v = np.abs(right_v - left_v) + OVERSHOOT_TOLERANCE_V
     between_v = voltage_v[:-1].reshape(len(left_v), CHECKS_PER_GAP)
@@ -166,12 +166,12 @@ def curve_warnings(curve: AbstractCurve, branch: str | None) -> Iterator[Notice]
     if beyond_v[gap] > margin_v[gap]:
         at = {"from_soc": curve.soc[gap], "to_soc": curve.soc[gap + 1]}
         fault = {"fault": "overshoots", "fault_v": beyond_v[gap]}
-        yield Notice("ocv-curve.fit", {**fault, **at, **own})
+        yield Notice("ocv-curve.fit", {**fault, **at, **curve_values})
     errors_v = np.abs(curve.errors_v)
     missed = int(np.argmax(errors_v))
     if errors_v[missed] > MISS_TOLERANCE_V:
         fault = {"fault": "misses", "fault_v": errors_v[missed], "soc": curve.soc[missed]}
-        yield Notice("ocv-curve.fit", {**fault, **own})
+        yield Notice("ocv-curve.fit", {**fault, **curve_values})
 
 
 KNOTS = np.array([0.0, 0.1, 0.35, 0.75, 0.95, 1.0])

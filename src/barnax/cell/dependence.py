@@ -66,10 +66,10 @@ class Dependence(Brief):
     @property
     def usual(self) -> Mapping[str, "Usual"]:
         """Prior knowledge of some of its numbers."""
-        found = {HEATING: Usual(math.log(USUAL_HEATING_S), 1.0, 0.02)}
+        priors = {HEATING: Usual(math.log(USUAL_HEATING_S), 1.0, 0.02)}
         if self.reference_degc is not None:
-            found[BETA] = Usual(math.log(arrhenius_beta(self.reference_degc)), 0.4, 0.3)
-        return {name: value for name, value in found.items() if name in self.numbers}
+            priors[BETA] = Usual(math.log(arrhenius_beta(self.reference_degc)), 0.4, 0.3)
+        return {name: value for name, value in priors.items() if name in self.numbers}
 
     def with_numbers(self, numbers: Mapping[str, float]) -> "Dependence":
         """The same with other numbers, by name."""
@@ -151,8 +151,12 @@ def arrhenius_beta(degc: float) -> float:
 def filled(time_s: Samples, degc: Samples) -> Samples | None:
     """Temperatures with those that are missing, or no cell's, taken from their neighbors; None
     where none is known."""
-    is_known = (degc > CELL_DEGC[0]) & (degc < CELL_DEGC[1])
-    return np.interp(time_s, time_s[is_known], degc[is_known]) if np.any(is_known) else None
+    is_plausible = (degc > CELL_DEGC[0]) & (degc < CELL_DEGC[1])
+    return (
+        np.interp(time_s, time_s[is_plausible], degc[is_plausible])
+        if np.any(is_plausible)
+        else None
+    )
 
 
 def heat_of(time_s: Samples, between_a: Intervals, tau_s: float) -> Samples:

@@ -118,10 +118,10 @@ def add_element(element: Element) -> Element:
 
     Raises `InputError` where another one has that name or that symbol.
     """
-    for known in ELEMENTS.values():
-        if known != element and (known.name == element.name or known.symbol == element.symbol):
+    for other in ELEMENTS.values():
+        if other != element and (other.name == element.name or other.symbol == element.symbol):
             raise InputError(
-                f"there is another element called {known.name} with the symbol {known.symbol!r}; "
+                f"there is another element called {other.name} with the symbol {other.symbol!r}; "
                 "choose another name and symbol, or begin a new session if this is the same one "
                 "with other numbers"
             )
@@ -204,8 +204,8 @@ class Rung(NamedTuple):
 def rungs_of(elements: Sequence[str]) -> tuple[Rung, ...]:
     """The RC pairs of all elements, element after element."""
     return tuple(
-        Rung(place, share, ratio)
-        for place, name in enumerate(elements)
+        Rung(index, share, ratio)
+        for index, name in enumerate(elements)
         for of in [get_element(name)]
         for share, ratio in zip(of.shares, of.ratios, strict=True)
     )

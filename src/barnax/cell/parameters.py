@@ -134,8 +134,11 @@ class CircuitParameters(Brief):
             needed = f"a circuit has one R and one C for each of its {len(names)} elements"
             raise ValueError(f"{needed}; {len(r)} R and {len(c)} C were given")
         numbers = {OHMIC: float(r0)}
-        for own, ohm, farad in zip(names, map(float, r), map(float, c), strict=True):
-            numbers |= {own.resistance: ohm, own.stored: farad if own.capacitance else ohm * farad}
+        for pair, ohm, farad in zip(names, map(float, r), map(float, c), strict=True):
+            numbers |= {
+                pair.resistance: ohm,
+                pair.stored: farad if pair.capacitance else ohm * farad,
+            }
         return cls._of_numbers(numbers if gamma is None else numbers | {RATE: float(gamma)})
 
     @classmethod
@@ -167,10 +170,10 @@ class CircuitParameters(Brief):
             needed = f"a table of R and a time constant for each of its {len(names)} elements"
             given = f"{len(r_ohm)} tables of R and {len(tau_s)} time constants were given"
             raise InputError(f"a circuit has {needed}; {given}")
-        rows = {OHMIC: r0_ohm} | dict(zip((own.resistance for own in names), r_ohm, strict=True))
+        rows = {OHMIC: r0_ohm} | dict(zip((pair.resistance for pair in names), r_ohm, strict=True))
         rows |= {OCV_CORRECTION: ocv_correction_v, HALF_HYSTERESIS: half_hysteresis_v}
         tables = {name: tuple(map(float, row)) for name, row in rows.items() if row is not None}
-        scales = dict(zip((own.tau for own in names), map(float, tau_s), strict=True))
+        scales = dict(zip((pair.tau for pair in names), map(float, tau_s), strict=True))
         scales |= {} if gamma is None else {RATE: float(gamma)}
         at = tuple(map(float, nodes))
         return cls(tables, scales, at, tuple(map(bool, visited)), dependence)
@@ -188,7 +191,7 @@ class CircuitParameters(Brief):
     @property
     def resistances(self) -> tuple[str, ...]:
         """The names of R0 and of every element's resistance."""
-        return (OHMIC, *(own.resistance for own in self.names))
+        return (OHMIC, *(pair.resistance for pair in self.names))
 
     @property
     def pairs(self) -> int:
@@ -213,14 +216,14 @@ class CircuitParameters(Brief):
     @property
     def r(self) -> tuple[float, ...]:
         """The resistances of the elements of a constant circuit, in ohm."""
-        return tuple(self.tables[own.resistance][0] for own in self.names)
+        return tuple(self.tables[pair.resistance][0] for pair in self.names)
 
     @property
     def c(self) -> tuple[float, ...]:
         """The capacitances R C / R of the elements of a constant circuit, in F."""
         found = zip(self.names, self.tau_s, self.r, strict=True)
         return tuple(
-            self.scales.get(own.capacitance or "", tau_s / ohm) for own, tau_s, ohm in found
+            self.scales.get(pair.capacitance or "", tau_s / ohm) for pair, tau_s, ohm in found
         )
 
     @property
@@ -232,10 +235,10 @@ class CircuitParameters(Brief):
     def named_tau_s(self) -> dict[str, float]:
         """Every time constant by its name."""
         return {
-            own.tau: self.scales[own.tau]
-            if own.tau in self.scales
-            else self.tables[own.resistance][0] * self.scales[own.stored]
-            for own in self.names
+            pair.tau: self.scales[pair.tau]
+            if pair.tau in self.scales
+            else self.tables[pair.resistance][0] * self.scales[pair.stored]
+            for pair in self.names
         }
 
     @property
@@ -272,8 +275,8 @@ class CircuitParameters(Brief):
 
     def with_tables(self, changed: Mapping[str, Rows]) -> Self:
         """The same with other values in some tables, or with more of them."""
-        own = {name: tuple(map(float, row)) for name, row in changed.items()}
-        return replace(self, tables=self.tables | own)
+        pair = {name: tuple(map(float, row)) for name, row in changed.items()}
+        return replace(self, tables=self.tables | pair)
 
     def without(self, name: str) -> Self:
         """The same without a table, such as that of the half hysteresis."""
@@ -288,7 +291,7 @@ class CircuitParameters(Brief):
     def ordered(self) -> Self:
         """The same circuit with its pairs from fast to slow."""
         pairs = self.names[: alike(self.elements)]
-        by_tau = sorted(pairs, key=lambda own: self.named_tau_s[own.tau])
+        by_tau = sorted(pairs, key=lambda pair: self.named_tau_s[pair.tau])
         source = dict(zip(itertools.chain(*pairs), itertools.chain(*by_tau), strict=True))
         tables, scales = (
             {name: values[source.get(name) or name] for name in values}
@@ -304,14 +307,14 @@ class CircuitParameters(Brief):
         taus_s, rows = self.tau_s, self.ohm
         names = names_of((RC.name,) * len(rungs))
         ladder = {
-            own.resistance: tuple((rung.share * rows[1 + rung.element]).tolist())
-            for own, rung in zip(names, rungs, strict=True)
+            pair.resistance: tuple((rung.share * rows[1 + rung.element]).tolist())
+            for pair, rung in zip(names, rungs, strict=True)
         }
         ladder = {OHMIC: self.tables[OHMIC]} | ladder
         others = {n: row for n, row in self.tables.items() if n not in self.resistances}
         scales = {
-            own.tau: taus_s[rung.element] * rung.ratio
-            for own, rung in zip(names, rungs, strict=True)
+            pair.tau: taus_s[rung.element] * rung.ratio
+            for pair, rung in zip(names, rungs, strict=True)
         }
         rate = {} if self.gamma is None else {RATE: self.gamma}
         return replace(self, tables=ladder | others, scales=scales | rate)
@@ -320,7 +323,7 @@ class CircuitParameters(Brief):
         """The values of a constant circuit under PyBaMM's parameter names."""
         values = self.named_ohm | self.scales
         values |= {
-            own.stored: c for own, c in zip(self.names, self.c, strict=True) if own.capacitance
+            pair.stored: c for pair, c in zip(self.names, self.c, strict=True) if pair.capacitance
         }
         return {name: values[name] for name in parameter_names(self.elements, RATE in values)}
 

@@ -119,7 +119,7 @@ def _going_on(believed: Believed, chemistry: str) -> Believed:
 
     Raises `InputError` where nothing shows what is full, and where both are far from each other.
     """
-    typical, (low, high) = _typical_cell(chemistry), believed.told_soc
+    typical, (low, high) = _typical_cell(chemistry), believed.ocv_soc
     if believed.start_v is not None:
         raise InputError(
             f"`chemistry` {chemistry}: nothing shows where the cell is full, so no typical OCV can "
@@ -132,15 +132,15 @@ def _going_on(believed: Believed, chemistry: str) -> Believed:
     is_above = believed.ocv_v(ends) > window_of(believed.cell, chemistry)[1] + HELD_V
     is_other = is_above | (ends > COMPARED_FROM_SOC) & (np.abs(apart_v) > MOST_APART_V)
     if is_other.any():
-        place = int(np.argmax(np.abs(apart_v) * is_other))
+        index = int(np.argmax(np.abs(apart_v) * is_other))
         raise InputError(
-            f"`chemistry` {chemistry}: at {100 * ends[place]:.0f} % SOC such a cell has about "
-            f"{typical.average_ocv_v(ends)[place]:.2f} V, and this one "
-            f"{believed.ocv_v(ends)[place]:.2f} V; give another `chemistry` or none, or identify "
+            f"`chemistry` {chemistry}: at {100 * ends[index]:.0f} % SOC such a cell has about "
+            f"{typical.average_ocv_v(ends)[index]:.2f} V, and this one "
+            f"{believed.ocv_v(ends)[index]:.2f} V; give another `chemistry` or none, or identify "
             "again with another `capacity` or `initial_soc`"
         )
     believed = replace(believed, typical=chemistry, typical_reach_v=UNKNOWN_OCV_V[chemistry])
-    if believed.told_soc == (0.0, 1.0):
+    if believed.ocv_soc == (0.0, 1.0):
         return believed
     soc = np.linspace(0.0, 1.0, MIXED_POINTS)
     at = np.clip(soc, low, high)
@@ -193,7 +193,7 @@ def believed_of_result(result: Result, temperature_degc: float | None = None) ->
 
     Raises `InputError` where its answer has elements that are no RC pairs, or not the temperature.
     """
-    told, untold, parts = result.fit.intervals, "", result.of_role("identification")
+    intervals, untold, parts = result.fit.intervals, "", result.of_role("identification")
     try:
         evaluations = result.evaluations.identification
     except InputError as problem:
@@ -211,7 +211,7 @@ def believed_of_result(result: Result, temperature_degc: float | None = None) ->
                 "none; leave it out, or give one that was identified `over` soc,temperature"
             )
         near = over.measured_near(temperature_degc)
-        told = () if near is None else dict(result.fits.by_degc)[near].intervals
+        intervals = () if near is None else dict(result.fits.by_degc)[near].intervals
         result = result.at_temperature(temperature_degc)
     cell, rmse_v = result.cell_at(temperature_degc), result.metrics.identification.rmse_v
     if any(element != RC.name for element in get_circuit(result.model).elements):
@@ -220,7 +220,7 @@ def believed_of_result(result: Result, temperature_degc: float | None = None) ->
             "`model` so-rc"
         )
     if result.tables is not None and result.over != "ocv":
-        fit = replace(result.fit, intervals=told)
+        fit = replace(result.fit, intervals=intervals)
         believed = believed_of_fit(fit, result.tables.settings, cell, rmse_v)
     else:
         circuit = result.circuit_parameters
@@ -240,14 +240,14 @@ def believed_of_result(result: Result, temperature_degc: float | None = None) ->
     used = [one.prepared for one in earlier]
     is_open = result.tables is not None and result.tables.hold_shift_ohm is not None
     believed = replace(
-        believed, rates_c=rates_c, untold=untold, told_soc=_told_soc(cell), at_bound=taus,
+        believed, rates_c=rates_c, untold=untold, ocv_soc=_ocv_range(cell), at_bound=taus,
         beyond=("hold",) * is_open + ("pair",) * bool(used and least_r0_share(used) < 1),
     )  # fmt: skip
-    is_own = cell.is_of_records and any(part.start_source == "own span" for part in parts)
-    return _started_by_voltage(believed) if is_own else believed
+    is_fitted_ocv = cell.is_of_records and any(part.start_source == "own span" for part in parts)
+    return _started_by_voltage(believed) if is_fitted_ocv else believed
 
 
-def _told_soc(cell: CellModel) -> tuple[float, float]:
+def _ocv_range(cell: CellModel) -> tuple[float, float]:
     """From where to where the OCV of a cell is told; nearly to an end is to it."""
     low, high = cell.soc_range
     nearly_empty = UNKNOWN_LOW_SOC - OVERSHOT if cell.is_of_records else NEARLY_SOC
@@ -262,7 +262,7 @@ def _started_by_voltage(believed: Believed) -> Believed:
 
     Raises `InputError` where that is too flat.
     """
-    top = believed.told_soc[1]
+    top = believed.ocv_soc[1]
     below_v, top_v = believed.ocv_v(np.array([top - TOP_SOC, top])).tolist()
     off_soc = HELD_V / max((top_v - below_v) / TOP_SOC, 1e-9)
     if off_soc > TOP_SOC:
@@ -279,10 +279,10 @@ def believed_of_fit(
     fit: TableFit, settings: TableSettings, cell: CellModel, rmse_v: float
 ) -> Believed:
     """The cell of tables that were fitted with these settings and left such an RMSE."""
-    known, printed = dict[Name, float](), dict[Name, float]()
+    half_widths, printed = dict[Name, float](), dict[Name, float]()
     for one in fit.intervals:
         if (halves := halves_of(one)) is not None:
-            known[one.name, one.soc], printed[one.name, one.soc] = halves
+            half_widths[one.name, one.soc], printed[one.name, one.soc] = halves
     corrections_v = (half_v for (name, _), half_v in printed.items() if name == OCV_CORRECTION)
     tables = fit.tables.without(HALF_HYSTERESIS)
     ohm = np.maximum(tables.ohm, LEAST_OHM)
@@ -293,7 +293,7 @@ def believed_of_fit(
         worst=_worst(fit, fit.tables.nodes),
         error=typical_error(rmse_v),
         settings=with_own_ocv(settings) if cell.is_of_records else settings,
-        known=known,
+        half_widths=half_widths,
         printed=printed,
         follows=followed(fit.tables.dependence),
         ocv_reach_v=LEAST_OCV_V + max(corrections_v, default=0.0),
@@ -319,9 +319,9 @@ def _worst(fit: TableFit, nodes: tuple[float, ...]) -> Float[np.ndarray, "nodes"
     values, high = np.zeros(len(nodes)), np.zeros(len(nodes))
     for interval in fit.intervals:
         if interval.soc is not None and interval.name.startswith("R"):
-            place = nodes.index(interval.soc)
-            values[place] += interval.value
-            high[place] += min(interval.high or math.inf, UNKNOWN * interval.value)
+            index = nodes.index(interval.soc)
+            values[index] += interval.value
+            high[index] += min(interval.high or math.inf, UNKNOWN * interval.value)
     ratio = np.where(values > 0, high / np.maximum(values, LEAST_OHM), UNKNOWN)
     return np.maximum(ratio, LEAST_WORST)
 

@@ -112,12 +112,12 @@ class Believed:
     error: Error
     settings: TableSettings
     earlier: Sequence[Seconds] = ()
-    known: Mapping[Name, float] = field(default_factory=dict)
+    half_widths: Mapping[Name, float] = field(default_factory=dict)
     printed: Mapping[Name, float] = field(default_factory=dict)
     beyond: tuple[str, ...] = ()
     follows: tuple[str, ...] = ()
     ocv_reach_v: float = 0.0
-    told_soc: tuple[float, float] = (0.0, 1.0)
+    ocv_soc: tuple[float, float] = (0.0, 1.0)
     typical: str = ""
     typical_reach_v: float = 0.0
     start_v: float | None = None
@@ -138,7 +138,7 @@ class Believed:
         nodes = dict.fromkeys(self.tables.resistances, settings.nodes)
         nodes[OCV if self.finds_ocv else OCV_CORRECTION] = settings.nodes_of_ocv
         nodes |= dict.fromkeys(self.tables.named_tau_s, (None,))
-        return tuple((name, node) for name, own in nodes.items() for node in own)
+        return tuple((name, node) for name, row in nodes.items() for node in row)
 
     @cached_property
     def tables_of_names(self) -> dict[str, slice]:
@@ -180,14 +180,14 @@ class Believed:
 
     def ocv_end_v(self, soc: Soc, way: int) -> Soc:
         """The lowest (-1) or highest (+1) that the OCV may be."""
-        low, high = self.told_soc
+        low, high = self.ocv_soc
         reach_v = self.ocv_reach_v + np.where((soc < low) | (soc > high), self.typical_reach_v, 0.0)
         return self.ocv_v(soc + way * self.start_reach_soc) + way * reach_v
 
     @property
     def planned_soc(self) -> tuple[float, float]:
         """The lowest and the highest SOC at which an OCV is known or taken from other cells."""
-        return (0.0, 1.0) if self.typical else self.told_soc
+        return (0.0, 1.0) if self.typical else self.ocv_soc
 
     @cached_property
     def penalty(self) -> Normal:
@@ -195,18 +195,18 @@ class Believed:
         settings, resistances = self.settings, len(self.tables.resistances)
         of_r = len(settings.nodes), self.cell.capacity_ah, settings.resistance_ridge
         of_ocv = len(settings.nodes_of_ocv), 1.0, settings.voltage_ridge
-        blocks = [smoothing_rows(settings, *own) for own in [*[of_r] * resistances, of_ocv]]
+        blocks = [smoothing_rows(settings, *shape) for shape in [*[of_r] * resistances, of_ocv]]
         rows = np.asarray(block_diag(*blocks, np.zeros((0, self.tables.pairs))))
         return rows.T @ rows
 
     @cached_property
-    def told_before(self) -> "Information | None":
+    def information_before(self) -> "Information | None":
         """The information of the earlier records."""
         whole = None
         for record in self.earlier:
             columns, _ = columns_along(self, record.current_a, record.soc)
-            told = information_of(self, columns * record.counted[:, None])
-            whole = replace(told, samples=int(record.counted.sum())) + whole
+            information = information_of(self, columns * record.counted[:, None])
+            whole = replace(information, samples=int(record.counted.sum())) + whole
         return whole
 
 
@@ -239,8 +239,8 @@ class Information:
     def covariance(self, believed: Believed, inverse: Normal) -> Normal:
         """The covariance of what a fit finds, where what the circuit leaves out makes as much of
         its error as of the known one, or more."""
-        error, own = believed.error, self.normal / max(self.samples, 1)
-        level = (error.rest_v**2 + self._left_out_on(inverse, own)) / error.rmse_v**2
+        error, mean = believed.error, self.normal / max(self.samples, 1)
+        level = (error.rest_v**2 + self._left_out_on(inverse, mean)) / error.rmse_v**2
         return level * (inverse @ self.noise @ inverse)
 
     def left_on(self, believed: Believed, inverse: Normal, drive: Normal) -> float:
@@ -287,10 +287,12 @@ def columns_along(
     after = partial(lagged, interval_s=interval_s)
     flows = hats(along, settings.nodes).T * current_a
     r_ohm = [tables.at(name, along) for name in tables.resistances[1:]]
-    rows = [flows, *(after(flows, own_s) for own_s in tau_s)]
+    rows = [flows, *(after(flows, pair_tau_s) for pair_tau_s in tau_s)]
     rows.append(-hats(along, settings.nodes_of_ocv).T)
-    for own_s, ohm in zip(tau_s, r_ohm, strict=True):
-        above, below = (after(ohm * current_a, own_s * math.exp(way * STEP)) for way in (1, -1))
+    for pair_tau_s, ohm in zip(tau_s, r_ohm, strict=True):
+        above, below = (
+            after(ohm * current_a, pair_tau_s * math.exp(way * STEP)) for way in (1, -1)
+        )
         rows.append((above - below)[None] / (2 * STEP))
     flows = believed.error.left_out * hats(along, LEFT_OUT_NODES).T * current_a
     other = OTHER_PAIR * flows * tables.at(OHMIC, along)
@@ -308,7 +310,7 @@ def information_of(believed: Believed, columns: Columns, interval_s: float = 1.0
     rows = np.ascontiguousarray(columns.T)
     products = rows @ rows.T
     count = len(believed.names)
-    own, squares = rows[:count], products[:count, :count]
+    jacobian, squares = rows[:count], products[:count, :count]
     noise = np.zeros_like(squares)
     for time_s, sd_v in believed.error.noise:
         if time_s == 0:
@@ -316,7 +318,7 @@ def information_of(believed: Believed, columns: Columns, interval_s: float = 1.0
             continue
         # Of errors that change slowly, a few samples together are one.
         together = max(1, int(time_s / SLOTS_A_TIME / interval_s))
-        slots = np.add.reduceat(own, np.arange(0, own.shape[1], together), axis=1)
+        slots = np.add.reduceat(jacobian, np.arange(0, jacobian.shape[1], together), axis=1)
         # S = 1 + F + F' with F the sums over all earlier slots, weighted by exp(-lag / time).
         slot_s = together * interval_s
         earlier = slots @ lagged(slots, time_s, slot_s).T / math.expm1(slot_s / time_s)
@@ -352,18 +354,18 @@ def widths_of(
 ) -> tuple[Width, ...]:
     """Half an interval of every value that a sample of a test, else of the earlier records, is near
     to; where `drive` is the mean product of columns on a drive cycle, the RMSE on that too."""
-    told, before = believed.told_before, before_of(believed)
-    alone, after, own, both = before, before, told, told
+    earlier, before = believed.information_before, before_of(believed)
+    alone, after, of_test, joint = before, before, earlier, earlier
     if test is not None:
-        own, both = test, test + told
-        alone, after = _halves(believed, own), _halves(believed, both)
+        of_test, joint = test, test + earlier
+        alone, after = _halves(believed, of_test), _halves(believed, joint)
     widths = [
         Width(*name, value, alone[name], after[name], before.get(name))
         for name, value in zip(believed.names, believed.values.tolist(), strict=True)
         if name in alone
     ]
-    if drive is not None and own and both:
-        fits = (own, both, told) if told else (own, both)
+    if drive is not None and of_test and joint:
+        fits = (of_test, joint, earlier) if earlier else (of_test, joint)
         left_v = [each.left_on(believed, each.inverse(believed), drive) for each in fits]
         widths.append(Width(f"{DRIVE} [V]", None, 0.0, *left_v))
     return tuple(widths)
@@ -371,8 +373,8 @@ def widths_of(
 
 def before_of(believed: Believed) -> dict[Name, float]:
     """Half the intervals of a fit of the earlier records; what their own told where none count."""
-    told = believed.told_before
-    return _halves(believed, told) if told else dict(believed.known)
+    earlier = believed.information_before
+    return _halves(believed, earlier) if earlier else dict(believed.half_widths)
 
 
 def _halves(believed: Believed, fit: Information) -> dict[Name, float]:
@@ -390,4 +392,4 @@ def _halves(believed: Believed, fit: Information) -> dict[Name, float]:
             sag = sag_of(nodes, believed.values[seen])
             moved[seen] = np.maximum(np.abs(smoothed[seen]), np.abs(smoothed[seen] - sag))
     halves = (HALF_95 * errors + moved / 2) / believed.units
-    return {believed.names[place]: float(halves[place]) for place in np.flatnonzero(is_seen)}
+    return {believed.names[index]: float(halves[index]) for index in np.flatnonzero(is_seen)}

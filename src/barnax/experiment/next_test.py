@@ -294,11 +294,11 @@ def wishes_of(
     usual = {**WANTED, DRIVE: WANTED_ON_DRIVE * believed.error.rmse_v}
     wanted = {name: usual.get(name, WANTED["R2"]) for name in names} if want is None else dict(want)
     wished = {
-        place: wanted[short(name)]
-        for place, (name, soc) in enumerate(believed.names)
+        index: wanted[short(name)]
+        for index, (name, soc) in enumerate(believed.names)
         if is_within(soc, wanted_soc) and short(name) in wanted
     }
-    places = {DRIVE, *(short(believed.names[place][0]) for place in wished)}
+    places = {DRIVE, *(short(believed.names[index][0]) for index in wished)}
     if lacking := [name for name in wanted if name not in places]:
         low, high = (100 * soc for soc in wanted_soc)
         raise InputError(
@@ -332,7 +332,7 @@ def _already(
 ) -> tuple[str, ...]:
     """What the earlier records tell as well as is wanted wherever it is wanted, as a design counts
     them and by the standard errors of their own fit."""
-    known = ((name, max(half, believed.known.get(name, 0.0))) for name, half in before)
+    known = ((name, max(half, believed.half_widths.get(name, 0.0))) for name, half in before)
     halves = inside(known, wanted_soc)
     nodes = inside(((name, 0.0) for name in (*believed.names, (DRIVE, None))), wanted_soc)
     whole = [name for name in wanted if len(halves[name]) == len(nodes[name])]

@@ -296,14 +296,14 @@ def candidate_blocks(
         Block("long pulse", (60.0, 120.0), (1.0, 0.0)),
     ]
     for number, (clock_s, length_s) in enumerate(((4, 64), (12, 144), (40, 240))):
-        own, count = jax.random.fold_in(binary_key, number), length_s // clock_s
-        is_high = np.asarray(jax.random.permutation(own, np.arange(count) % 2 == 0))
+        block_key, count = jax.random.fold_in(binary_key, number), length_s // clock_s
+        is_high = np.asarray(jax.random.permutation(block_key, np.arange(count) % 2 == 0))
         for floor, suffix in ((-1.0, ""), (0.0, ", no charge")):
             levels = np.where(is_high, 1.0, floor)
             blocks.append(_joined(f"binary {clock_s} s{suffix}", [float(clock_s)] * count, levels))
     for number, (longest_s, length_s) in enumerate(((30, 120), (120, 360))):
-        own = jax.random.fold_in(step_key, number)
-        blocks.append(_random_steps(own, longest_s, length_s))
+        block_key = jax.random.fold_in(step_key, number)
+        blocks.append(_random_steps(block_key, longest_s, length_s))
     blocks.append(_multisine(sine_key, 256))
     if drive is not None and len(drive) > DRIVE_S:
         starts = jax.random.randint(piece_key, (2,), 0, len(drive) - DRIVE_S)

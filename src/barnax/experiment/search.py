@@ -100,29 +100,29 @@ class Pattern:
 
     def changed(self, number: int) -> "Pattern | None":
         """The pattern with one thing more or less; None where it cannot be less."""
-        place, is_less = divmod(number, 2)
+        choice, is_less = divmod(number, 2)
         some = max(1, self.stretches // 2) * (-1 if is_less else 1)
-        if place == 0:
+        if choice == 0:
             stretches = round(self.stretches / FACTOR if is_less else self.stretches * FACTOR)
             counts = tuple(round(count * stretches / self.stretches) for count in self.counts)
             is_usual = FEWEST <= stretches <= MOST
             return replace(self, stretches=stretches, counts=counts) if is_usual else None
-        if place == 1:
+        if choice == 1:
             return replace(self, move_c=self.move_c / FACTOR if is_less else self.move_c * FACTOR)
-        own = place - 2
-        if own < PARTS:
+        kind = choice - 2
+        if kind < PARTS:
             weights = [*self.weights]
-            weights[own] *= 1 / SHARE_FACTOR if is_less else SHARE_FACTOR
+            weights[kind] *= 1 / SHARE_FACTOR if is_less else SHARE_FACTOR
             return replace(self, weights=tuple(weights))
         counts = [*self.counts]
-        if is_less and not counts[own - PARTS]:
+        if is_less and not counts[kind - PARTS]:
             return None
-        counts[own - PARTS] = max(counts[own - PARTS] + some, 0)
+        counts[kind - PARTS] = max(counts[kind - PARTS] + some, 0)
         return replace(self, counts=tuple(counts))
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class Trial:
     """A pattern, the logarithm of its criterion, and its widest width over the wished one."""
 
     pattern: Pattern
@@ -195,8 +195,8 @@ class Choice:
             return None
         whole = [first]
         for steps, share in zip(stretches, pattern.density.tolist(), strict=True):
-            own_s = float(math.floor(rest_s * share / REST_S) * REST_S)
-            rest = Step("rest", own_s if own_s >= SHORTEST_REST_S else 0.0, 0.0)
+            piece_rest_s = float(math.floor(rest_s * share / REST_S) * REST_S)
+            rest = Step("rest", piece_rest_s if piece_rest_s >= SHORTEST_REST_S else 0.0, 0.0)
             whole += [*steps, rest]
         return [step for step in (*whole, *last) if step.duration_s > 0]
 
@@ -206,7 +206,9 @@ class Choice:
         interval_s = min(max(fastest_s, FINEST_S), COARSEST_S)
         current_a = sampled(steps, interval_s)
         columns, _ = columns_along(self.believed, current_a, self.high_soc, interval_s)
-        whole = information_of(self.believed, columns, interval_s) + self.believed.told_before
+        whole = (
+            information_of(self.believed, columns, interval_s) + self.believed.information_before
+        )
         inverse = whole.inverse(self.believed)
         places, halves = [*self.wished], np.array([*self.wished.values()])
         variance = np.diag(whole.covariance(self.believed, inverse))[places]
@@ -219,7 +221,7 @@ class Choice:
 
     def searched(
         self, hours: float, key: Array, predictions: int, *starts: Pattern, until: float = 0.0
-    ) -> Found | None:
+    ) -> Trial | None:
         """The best test of so many hours that changes of the best of some patterns lead to, one to
         three at a time, or the first whose widths are all at most `until` times the wished ones;
         None where each of the patterns takes longer."""
@@ -228,16 +230,16 @@ class Choice:
             best = self._better(best, start, hours)
             if best is not None and best.widest <= until:
                 return best
-        for own_key in jax.random.split(key, predictions):
+        for draw_key in jax.random.split(key, predictions):
             if best is None or best.widest <= until:
                 break
-            pattern = best.pattern.drawn(own_key)
+            pattern = best.pattern.drawn(draw_key)
             if pattern not in seen:
                 seen.add(pattern)
                 best = self._better(best, pattern, hours)
         return best
 
-    def _better(self, best: Found | None, pattern: Pattern, hours: float) -> Found | None:
+    def _better(self, best: Trial | None, pattern: Pattern, hours: float) -> Trial | None:
         """The better of a test and one of another pattern, if that does not take longer."""
         steps = self.steps(pattern, hours)
         if steps is None:
@@ -245,7 +247,7 @@ class Choice:
         ratios = self.ratios(steps)
         value = math.log(self.criterion(ratios))
         is_better = best is None or value < best.value
-        return Found(pattern, value, float(np.max(ratios))) if is_better else best
+        return Trial(pattern, value, float(np.max(ratios))) if is_better else best
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,10 +280,10 @@ def planned(choice: Choice, max_hours: float, key: Array, starts: int, reaches: 
     for number in range(BISECTIONS if reaches(best.steps) else 0):
         if hours - shortest < NEARLY_SHORTEST * hours:
             break
-        middle, own_key = (shortest + hours) / 2, jax.random.fold_in(key, number)
+        middle, draw_key = (shortest + hours) / 2, jax.random.fold_in(key, number)
         # Pieces of a longer test may not fit: fewer of them, and what a fast pass starts from.
         patterns = [best.pattern, *map(best.pattern.fewer, FEWER), *fast]
-        shorter = best.choice.searched(middle, own_key, FURTHER, *patterns, until=WELL_REACHED)
+        shorter = best.choice.searched(middle, draw_key, FURTHER, *patterns, until=WELL_REACHED)
         plan = None if shorter is None else _kept(best.choice, shorter, middle)[0]
         if plan is not None and reaches(plan.steps):
             best, hours = plan, middle
@@ -290,16 +292,16 @@ def planned(choice: Choice, max_hours: float, key: Array, starts: int, reaches: 
     return best
 
 
-def _kept(choice: Choice, found: Found, hours: float) -> tuple[Plan | None, Choice]:
+def _kept(choice: Choice, trial: Trial, hours: float) -> tuple[Plan | None, Choice]:
     """A found test with its currents lowered until it keeps all limits, None where it cannot, and
     the choice with its limits tightened by that."""
     for _ in range(ADJUSTMENTS):
-        steps = choice.steps(found.pattern, hours)
+        steps = choice.steps(trial.pattern, hours)
         if steps is None:
             break
         predicted, limits = _simulated(choice, steps)
         if limits == choice.limits:
-            return Plan(choice, found.pattern, steps, predicted), choice
+            return Plan(choice, trial.pattern, steps, predicted), choice
         choice = replace(choice, limits=limits)
     return None, choice
 
@@ -310,7 +312,7 @@ def is_reached_in(hours: float, plan: Plan, key: Array, reaches: Reaches) -> boo
     return longer is not None and reaches(longer.steps)
 
 
-def _best(choice: Choice, max_hours: float, key: Array, starts: int) -> Found:
+def _best(choice: Choice, max_hours: float, key: Array, starts: int) -> Trial:
     """The best of several searches. Raises `InputError` where no test is so short."""
     patterns = _starts_of(choice)
     searches = [
@@ -343,7 +345,7 @@ def _starts_of(choice: Choice, move_c: float = MOVE_C) -> list[Pattern]:
     """The patterns that a search starts from: moves and rests alone, and with pieces of a kind."""
     kinds = len(choice.blocks)
     return [
-        Pattern(stretches, move_c, tuple(stretches * (kind == own) for own in range(kinds)))
+        Pattern(stretches, move_c, tuple(stretches * (kind == number) for number in range(kinds)))
         for stretches in STRETCHES
         for kind in range(kinds, -1, -1)
     ]

@@ -69,8 +69,8 @@ def halves_of(interval: NodeInterval) -> tuple[float, float] | None:
     scale = interval.value if interval.name.startswith(("R", "tau")) else 1.0
     if interval.low is None or interval.high is None or not scale > 0:
         return None
-    told = HALF_95 * interval.standard_error + abs(interval.bias) / 2
-    return told / scale, (interval.high - interval.low) / 2 / scale
+    half = HALF_95 * interval.standard_error + abs(interval.bias) / 2
+    return half / scale, (interval.high - interval.low) / 2 / scale
 
 
 def followed(dependence: Dependence | None) -> tuple[str, ...]:
@@ -233,8 +233,8 @@ class Design(Document):
 
     def of_table(self, name: str, widths: Sequence[Width] | None = None) -> tuple[Width, ...]:
         """The widths of a table, such as "R0", where it is wanted."""
-        known = self.widths if widths is None else widths
-        named = (((width.name, width.soc), width) for width in known)
+        chosen = self.widths if widths is None else widths
+        named = (((width.name, width.soc), width) for width in chosen)
         return tuple(inside(named, self.wanted_soc)[name])
 
     @property

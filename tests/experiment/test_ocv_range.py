@@ -73,7 +73,7 @@ def true_voltage(result, design, initial_soc):
 
 def test_a_test_stays_where_the_ocv_is_known(believed, result):
     design = quick_design(believed, **LIMITS)
-    low, high = believed.told_soc
+    low, high = believed.ocv_soc
     assert (low, high) == pytest.approx((0.2, 0.65), abs=0.01)
     assert design.initial_soc == high
     assert low <= design.predicted.soc.min() < low + 0.1
@@ -152,7 +152,7 @@ def test_a_capacity_alone_leaves_the_test_within_the_record(sized, result):
     believed = believed_of(sized, None)
     design = barnax.design(believed, **LIMITS)
     screen = screen_of(planned_screen(believed))
-    low, high = believed.told_soc
+    low, high = believed.ocv_soc
     assert f"knows the OCV from {100 * low:.0f} to {100 * high:.0f} %, and the test" in screen
     taken_ah = 2.0 * (design.initial_soc - design.predicted.soc.min())
     held_ah = 2.0 * result.cell.soc_from_rest_voltage(design.start_v)
@@ -171,7 +171,7 @@ def test_a_chemistry_whose_highest_voltage_the_cell_passes_is_refused():
 
 
 @pytest.mark.parametrize(
-    ("told_soc", "high_v", "words"),
+    ("ocv_soc", "high_v", "words"),
     [
         # Full is where a charge to 4.18 V ends, which no OCV of up to 4.23 V changes.
         ((0.0, 1.0), 4.18, None),
@@ -181,8 +181,8 @@ def test_a_chemistry_whose_highest_voltage_the_cell_passes_is_refused():
         ((0.0, 0.9), 4.1, r"4\.1 V: the test starts at 90 % SOC, where the OCV may be 4\.133 V"),
     ],
 )
-def test_a_start_above_the_highest_voltage_is_refused(told_soc, high_v, words):
-    believed = replace(believed_of(None, 2.0, "nmc"), told_soc=told_soc, typical="")
+def test_a_start_above_the_highest_voltage_is_refused(ocv_soc, high_v, words):
+    believed = replace(believed_of(None, 2.0, "nmc"), ocv_soc=ocv_soc, typical="")
     # Refused for its hours: the start was let through.
     with pytest.raises(InputError, match=words or "`max_hours` 0.5") as refused:
         barnax.design(believed, high_voltage=high_v, max_hours=0.5, blocks=BLOCKS)
@@ -193,7 +193,7 @@ def test_a_part_of_the_charge_without_a_node_is_refused():
     believed = believed_of(None, 2.0, "nmc")
     nodes = (0.0, 0.4, 0.9, 1.0)
     settings = replace(believed.settings, nodes=nodes)
-    coarse = replace(believed, settings=settings, told_soc=(0.4, 0.8), typical="")
+    coarse = replace(believed, settings=settings, ocv_soc=(0.4, 0.8), typical="")
     with pytest.raises(InputError, match="`want` R0, R1, R2: no node lies from 43 to 80 % SOC"):
         barnax.design(coarse, max_hours=1.5, blocks=BLOCKS)
 

@@ -234,7 +234,7 @@ def test_a_wish_that_is_easy_takes_the_least_time_whatever_is_given():
 def test_earlier_records_narrow_what_a_test_leaves(believed):
     current_a = np.tile(np.repeat([2.0, -1.0], 30), 20)
     earlier = Seconds("earlier", current_a[::-1].copy(), 0.6, np.ones(len(current_a), bool))
-    known = replace(believed, earlier=[earlier], known={("R1 [Ohm]", 0.6): 0.2})
+    known = replace(believed, earlier=[earlier], half_widths={("R1 [Ohm]", 0.6): 0.2})
     columns, _ = columns_along(known, current_a, 0.6)
     widths = widths_of(known, information_of(known, columns))
     (width,) = [each for each in widths if (each.name, each.soc) == ("R1 [Ohm]", 0.6)]

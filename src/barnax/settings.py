@@ -69,11 +69,12 @@ class Settings:
             errors are always computed by scan.
         coordinates: Search R and C themselves, as in the paper (rc), or logarithms of R and tau
             (log).
-        seeds: Independent runs of the optimizer; 0: only the global optimum.
-        population: Candidates per generation.
-        iterations: Generations.
-        key: Random key; the same key gives the same result.
-        over: Tables over SOC of the resistances and an OCV correction, whatever they gain; with
+        seeds: Independent runs of the optimizer: 30, and 0 of a fleet's cells, for which only the
+            global optimum is found.
+        population: Candidates per generation (30).
+        iterations: Generations (500).
+        key: Random key (0); the same key gives the same result.
+        over: Tables over SOC, whatever they gain: of the resistances and an OCV correction; with
             temperature, one set of tables per temperature, with shared time constants.
 
     Raises `InputError` for a number out of range and an unknown `over`.
@@ -297,8 +298,7 @@ class Window:
         rest_current_a: Current below which the cell is at rest (default: C/100).
         initial_direction: Last direction before the start, if the record does not show it: +1
             charge, -1 discharge (default: both are tried).
-        capacity_ah: Capacity of the cell when the record was measured (default: that of the OCV
-            test).
+        capacity_ah: Capacity when the record was measured (default: that of the OCV test).
         temperature_degc: Temperature in degC (default: the median of the record's column).
         soc_source: What `initial_soc` is known from, where it was not given.
         registration: What start and capacity were before they were registered.
@@ -389,8 +389,8 @@ def choices_in(hint: Any) -> tuple[str, ...]:
 def explained(thing: Any) -> dict[str, str]:
     """Explanations in docstrings of a function's arguments, or a class's fields and its bases'.
 
-    >>> explained(Settings)["seeds"]
-    'Independent runs of the optimizer; 0: only the global optimum.'
+    >>> explained(Settings)["iterations"]
+    'Generations (500).'
     """
     found: dict[str, str] = {}
     for owner in getattr(thing, "__mro__", (thing,)):

@@ -5,12 +5,14 @@ from pathlib import Path
 
 import pytest
 from typer.main import get_command
+from typer.testing import CliRunner
 
 import barnax
 from barnax.cli.app import app
 from barnax.cli.options import windows_of
-from barnax.cli.session import as_flags
+from barnax.cli.session import RESEARCH, as_flags
 from barnax.errors import InputError
+from barnax.job import PLANNED
 from barnax.model.window import Window
 
 SOURCES = [path for path in Path(barnax.__file__).parent.rglob("*.py") if "plots" not in path.parts]
@@ -26,12 +28,43 @@ def strings_of(path: Path) -> str:
     )
 
 
+COMMANDS = get_command(app).commands
+
+
 def test_every_option_that_a_message_names_exists():
-    commands = get_command(app).commands.values()
-    flags = {flag for command in commands for each in command.params for flag in each.opts}
+    flags = {flag for each in COMMANDS.values() for own in each.params for flag in own.opts}
     named = {name for path in SOURCES for name in NAMED.findall(strings_of(path))}
     assert {"initial_soc", "capacity", "ocv", "out"} <= named
-    assert {as_flags(f"`{name}`") for name in named} <= flags
+    assert {as_flags(f"`{name}`") for name in named - RESEARCH} <= flags
+    # What a message tells to put in a plan is a key of one, and no option.
+    assert {*PLANNED} >= RESEARCH
+    assert not {as_flags(f"`{name}`").split()[0] for name in RESEARCH} & flags
+
+
+def helped(*words):
+    lines = CliRunner().invoke(app, [*words]).output.splitlines()
+    return lines, {re.split("[ ,/]", line[2:])[0] for line in lines if line.startswith("  -")}
+
+
+@pytest.mark.parametrize("command", [*COMMANDS, ""])
+def test_help_is_one_screen_and_all_of_it_names_every_option_whole(command):
+    lines, usual = helped(*filter(None, [command]), "--help")
+    assert len(lines) <= 40
+    assert max(map(len, lines)) <= 80
+    assert not [line for line in lines[1:] if line.endswith("...") or "…" in line]
+    if command:
+        lines, every = helped(command, "--help-all")
+        assert max(map(len, lines)) <= 80
+        own = [each for each in COMMANDS[command].params if each.param_type_name == "option"]
+        assert every - {"--help"} == {each.opts[0] for each in own}
+        assert usual <= every
+
+
+def test_identify_shows_what_most_users_need_in_twenty_options():
+    _, usual = helped("identify", "--help")
+    assert len(usual) == 20
+    assert {"--ocv", "--capacity", "--initial-soc", "--model", "--out", "--help-all"} <= usual
+    assert not usual & {"--seeds", "--score-to", "--objective", "--paper"}
 
 
 @pytest.mark.parametrize(

@@ -81,8 +81,8 @@ def test_a_run_whose_roles_are_given_has_its_plan_too(folder, tmp_path):
     ocv = [word for path in BUNDLED.ocv for word in ("--ocv", folder / path.name)]
     options = (
         *("--score-to", "1500", "--start-time", "validation.parquet=60", "--initial-soc", "0.98"),
-        *("--fix", "R1 [Ohm]=0.01", "--bounds", tmp_path / "box.toml", "--free-ocv"),
-        *("--nodes", "0.1,0.5,1", "--folds", "0", "--key", "3"),
+        *("--fix", "R1 [Ohm]=0.01", "--bounds", tmp_path / "box.toml", "--keep-starts"),
+        *("--resistances-follow", "none", "--key", "3"),
         *("--current-sign", "charge-positive"),
     )
     files = (folder / BUNDLED.record.name, *ocv, "--validate", folder / BUNDLED.validation.name)

@@ -10,7 +10,7 @@ from .design import design
 from .files import check, convert, export
 from .fleet import fleet, life
 from .identify import hppc, identify, pack
-from .options import grouped
+from .options import Command, grouped
 from .results import report, show, soc, validate
 
 app = typer.Typer(
@@ -18,7 +18,7 @@ app = typer.Typer(
     help="Identify lithium-ion equivalent-circuit parameters from measured current and voltage.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    rich_markup_mode="rich",
+    rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 COMMANDS = (
@@ -26,7 +26,7 @@ COMMANDS = (
     *(export, check, convert, optimizers),
 )
 for command in COMMANDS:
-    app.command()(grouped(command))
+    app.command(cls=Command)(grouped(command))
 
 
 def _print_version(is_asked: bool) -> None:
@@ -44,5 +44,5 @@ def common(
 ) -> None:
     """Identify lithium-ion equivalent-circuit parameters from measured current and voltage.
 
-    Run [bold]barnax identify[/bold] without arguments to see it work on the bundled cell.
+    Run barnax identify without arguments to see it work on the bundled cell.
     """

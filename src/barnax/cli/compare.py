@@ -10,7 +10,7 @@ import barnax
 
 from .. import reporting
 from ..errors import InputError, require_choice
-from .options import OF_FILES, OF_RECORDS, OF_SEARCH, Given, group, options_of
+from .options import OF_FILES, OF_RECORDS, OF_SEARCH, Given, group, options_of, options_of_job
 from .output import DEFAULT_FOLDER, Output, drawn_files
 from .session import Session, shown
 
@@ -29,21 +29,20 @@ class Comparing:
     Search:
         models (NAME,NAME): Circuits, each with every method (default: the five rows of the paper).
         methods (NAME,NAME): Methods, each with every circuit: ls, rls, wrls, rls-ekf, dual-ukf,
-            n4sid, varpro, lm, pso-lm, de, or any that [bold]barnax optimizers[/bold] lists.
+            n4sid, varpro, lm, pso-lm, de, or any that barnax optimizers lists.
     """
 
-    job: Given = options_of(*OF_FILES, *OF_RECORDS, *OF_SEARCH)
+    job: Given = options_of(*OF_FILES, *OF_RECORDS, *OF_SEARCH, "setup")
     models: str | None = None
     methods: str | None = None
     record: Path | None = None
     output: Output
-    scope: Given = options_of("setup")
     live: bool = False
     paper: bool = False
 
 
 def compare(options: Comparing) -> None:
-    """Compare circuits and methods on one cell, and write a report with tables and figures.
+    """Compare circuits and methods on one cell, in a report.
 
     First the usual circuits and tables over SOC, each the best of its kind. Then
     methods, with the same data, bounds, budget and key: a row is a method's own
@@ -62,7 +61,7 @@ def compare(options: Comparing) -> None:
         require_choice("models", model, CIRCUITS)
         require_choice("methods", method, barnax.METHODS)
     job = ComparisonJob(
-        [record] if record else [], **options.job, **options.scope, rows=rows, watch=run.watch
+        [record] if record else [], **options_of_job(options.job), rows=rows, watch=run.watch
     )
     plan = barnax.plan.plan_of(job)
     if plan is not None:

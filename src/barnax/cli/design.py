@@ -73,10 +73,11 @@ class Test:
 
 
 def design(cell: Cell, test: Test, output: Output) -> None:
-    """Design the next test of a cell: the shortest that narrows its intervals to what is wanted.
+    """Design the next test of a cell.
 
-    Writes the steps as CSV, as a profile, as a PyBaMM experiment and as text
-    for a cycler's editor, with what they are predicted to tell.
+    The test is the shortest that narrows the intervals to what is wanted. Writes
+    the steps as CSV, as a profile, as a PyBaMM experiment and as text for a
+    cycler's editor, with what they are predicted to tell.
     """
     run = output.begun("barnax-design", [] if cell.result is None else [cell.result])
     run.load_jax()

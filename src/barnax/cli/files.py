@@ -4,7 +4,7 @@ import io
 import json
 import os
 from contextlib import suppress
-from dataclasses import field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -15,7 +15,7 @@ import barnax
 from .. import reporting
 from ..errors import InputError, printable
 from ..settings import Reading
-from .options import HOW_READ, Given, group, known_names, options_of
+from .options import HOW_READ, Given, group, options_of
 from .output import require_free_file, tell_unfinished, write_file
 from .session import Session, shown
 
@@ -55,7 +55,7 @@ class Checked:
 
 
 def check(what: Checked) -> None:
-    """List every problem in measured files, and how to fix it.
+    """List the problems in measured files, and how to fix them.
 
     Exit status: 0 for notes only, 1 for errors or warnings, 2 for a file that is not a table.
     """
@@ -127,7 +127,7 @@ class Converted:
 
 
 def convert(what: Converted) -> None:
-    """Convert a cycler file to SI units, on one clock, with charge positive.
+    """Convert a cycler file to SI units, one clock, charge positive.
 
     Several files become one record: a log that was cut into them, in their order.
 
@@ -197,7 +197,7 @@ class ExportChoices:
     """
 
     result: Path
-    to: str = field(metadata={"autocompletion": known_names("export", "EXPORTERS")})
+    to: str
     out: Path | None = None
     force: bool = False
     verify: bool = False

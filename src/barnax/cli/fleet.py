@@ -15,18 +15,7 @@ import barnax
 from .. import reporting
 from ..errors import InputError, as_keys, counted
 from ..files import changed_ns, is_address, located, replacing
-from ..settings import Settings
-from .options import (
-    OF_FILES,
-    OF_JOB,
-    OF_RECORDS,
-    OF_TABLES,
-    SEARCH,
-    Given,
-    group,
-    options_of,
-    options_of_settings,
-)
+from .options import OF_FILES, OF_RECORDS, OF_TABLES, Given, group, options_of, options_of_job
 from .output import Output, page_of, tell_unfinished
 from .session import Session, as_flags, require_platform, shown
 
@@ -49,31 +38,31 @@ class FleetOptions:
             and further options; other columns are copied to the dataset.
 
     Files:
-        fleet (--from FOLDER): Instead of a manifest, a fleet that kept factors: fit them without
-            its records.
+        fleet (--from FOLDER): Fit the factors that a fleet kept; in place of a manifest, and
+            without its records.
         group (COLUMN,...): With --from: rows that are alike in these columns are one cell.
         addresses (ADDRESS): What the manifest may read besides files: all below s3://bucket/folder;
             repeatable.
-        cell (RESULT): result.json whose OCV and capacity all cells use, instead of --ocv.
+        cell (RESULT): Result whose OCV and capacity all cells use; in place of --ocv.
 
     Search:
         trust (none|basic): Compute intervals (basic) or not (none).
-        bounds (FILE.toml): Bounds of the cells without any in the manifest.
+        bounds (FILE.toml): Bounds of cells without any in the manifest.
 
     Engine:
         workers (N): Processes (default: as many as cores).
         scheduler (ADDRESS|local): Dask scheduler instead of processes; local starts one.
         shard (K/N): Only the K-th of N parts of the fleet, for an array of jobs.
         retry: Repeat the cells that failed.
-        dry_run: List missing files and values that cannot be used, and compute nothing.
+        dry_run: Compute nothing, but list what cannot be used: missing files and wrong values.
 
     Output:
         out (FOLDER): Folder of the dataset, or its address; an interrupted run continues there.
-        keep_results: Also write each cell's result.json, to results/ID.
-        keep_factors (tables|constants): Also keep what a fit of the records needs, to factors/ID:
-            of tables over SOC, or of constant circuits alone.
-        ageing: Also keep what each row's records tell of ageing, for barnax life: capacity, OCV
-            shift, R0 and all resistances at 50 % SOC.
+        keep_results: Also write each cell's result.json (to results/ID).
+        keep_factors (tables|constants): Also keep what a fit of records needs (to factors/ID): of
+            tables over SOC, or of constant circuits alone.
+        ageing: Also keep what barnax life needs: capacity, OCV shift, R0 and all resistances at
+            50 % SOC of each row's records.
         quiet (--quiet -q): Print nothing but warnings.
     """
 
@@ -82,16 +71,11 @@ class FleetOptions:
     group: str = "id"
     addresses: list[str] | None = None
     files: Given = options_of(*OF_FILES)
-    of_records: Given = options_of(*OF_RECORDS, are_texts=True)
-    search: Given = options_of(
-        *("model", "method", "seeds", "key"),
-        among=OF_JOB | options_of_settings(Settings(seeds=0), SEARCH),
-    )
+    of_records: Given = options_of(*OF_RECORDS)
+    search: Given = options_of("model", "method", "seeds", "key", "fix", *OF_TABLES)
     trust: Literal["none", "basic"] = "basic"
     bounds: Path | None = None
-    fix: Given = options_of("fix")
     cell: Path | None = None
-    tables: Given = options_of(*OF_TABLES)
     workers: int | None = field(default=None, metadata={"min": 1})
     scheduler: str | None = None
     shard: str | None = None
@@ -108,7 +92,7 @@ class FleetOptions:
         """Settings that hold for every cell."""
         kept = {name: getattr(self, name) for name in ("keep_results", "keep_factors", "ageing")}
         kept = {name: value for name, value in kept.items() if value}
-        return {"seeds": 0, "trust": self.trust, **self.search, **self.fix, **self.tables, **kept}
+        return {"seeds": 0, "trust": self.trust, **options_of_job(self.search), **kept}
 
     @property
     def defaults(self) -> dict[str, Any]:
@@ -124,7 +108,7 @@ class FleetOptions:
 
 
 def fleet(given: FleetOptions) -> None:
-    """Identify every cell of a fleet, into one Parquet dataset with one row per cell.
+    """Identify many cells, into one dataset with a row per cell.
 
     If it is interrupted, the same command continues where it stopped. If a
     cell cannot be identified, its row says why. Options on files and records
@@ -274,10 +258,11 @@ class LifeOptions:
 
 
 def life(given: LifeOptions, output: Output) -> None:
-    """Trends of capacity, resistances and OCV over the life of a fleet's cells, and odd cells.
+    """Show how a fleet's cells age, and name the odd ones.
 
-    Each with 95 % intervals, smooth in age and pooled over the fleet. What
-    the records do not determine is said, not guessed.
+    Trends of capacity, resistances and OCV have 95 % intervals, are smooth in age
+    and pooled over the fleet. What the records do not determine is said, not
+    guessed.
     """
     dataset = given.dataset
     run = output.begun("barnax-life", [] if is_address(dataset) else [Path(dataset)])

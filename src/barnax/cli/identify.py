@@ -15,7 +15,16 @@ from .. import reporting
 from ..errors import InputError
 from ..files import is_factor_file
 from ..settings import Reading, TableOptions
-from .options import OF_FILES, OF_RECORDS, OF_SEARCH, OF_TABLES, Given, group, options_of
+from .options import (
+    OF_FILES,
+    OF_RECORDS,
+    OF_SEARCH,
+    OF_TABLES,
+    Given,
+    group,
+    options_of,
+    options_of_job,
+)
 from .output import (
     DEFAULT_FOLDER,
     PLAN,
@@ -39,12 +48,14 @@ class Identification:
         design (FOLDER): Show what this barnax design promised beside what the record reached.
     """
 
-    job: Given = options_of(*OF_FILES, *OF_RECORDS, *OF_SEARCH, "model", "method", "setup", "trust")
+    job: Given = options_of(
+        *(*OF_FILES, *OF_RECORDS, "model", "trust", "setup", "method"),
+        *(*OF_SEARCH, *OF_TABLES),
+    )
     report: bool = False
     live: bool = False
     design: Path | None = None
     paper: bool = False
-    tables: Given = options_of(*OF_TABLES)
     output: Output
 
 
@@ -79,9 +90,10 @@ class PulseTests:
 
 
 def identify(options: Identification, on: Records) -> None:
-    """Identify the circuit of a cell, say how good it is, and write result.json and figures.
+    """Identify the circuit of a cell, and say how good it is.
 
-    Without arguments, it identifies the bundled cell.
+    Writes result.json, figures and the plan that repeats the run. Without
+    arguments, it identifies the bundled cell.
     """
     if on.plan:
         return _print_plan(options, on.records or [])
@@ -99,7 +111,7 @@ def _fit_factors(options: Identification, paths: list[Path]) -> None:
     from ..over_soc.kept import fit_kept
     from ..run_setup import bounded_tables
 
-    job = barnax.Job(**options.job, **options.tables, watch=session.watch)
+    job = barnax.Job(**options_of_job(options.job), watch=session.watch)
     known = {field.name for field in fields(TableOptions)} | {"bounds", "fix", "watch"}
     shown = {name: getattr(options, name) for name in ("report", "live", "paper", "design")}
     shown |= {"json": options.output.as_json}
@@ -128,7 +140,7 @@ def _fit_factors(options: Identification, paths: list[Path]) -> None:
 def _print_plan(options: Identification, records: list[Path]) -> None:
     session = Session(is_quiet=options.output.quiet)
     with session.watch("Loading"):
-        job = barnax.Job(records, **options.job, **options.tables, watch=session.watch)
+        job = barnax.Job(records, **options_of_job(options.job), watch=session.watch)
     plan = barnax.plan.with_choices(
         barnax.plan.plan_of(job) or barnax.plan.plan_given(job, "identify"), job
     )
@@ -136,9 +148,10 @@ def _print_plan(options: Identification, records: list[Path]) -> None:
 
 
 def hppc(options: Identification, on: PulseTests) -> None:
-    """Identify tables over SOC from a pulse test, and print every pulse's resistances.
+    """Identify tables over SOC from a pulse test (HPPC).
 
-    Pulses, rests, capacity and OCV come from the test itself; --ocv sets another OCV.
+    Every pulse's resistances are printed too. Pulses, rests, capacity and OCV
+    come from the test itself; --ocv sets another OCV.
     """
     _run("hppc", options, on.records or [])
 
@@ -155,7 +168,7 @@ def _run(
         module = "matplotlib.backends.backend_agg"
         # No daemon: a process that ends while one loads C++ aborts.
         threading.Thread(target=__import__, args=(module,)).start()
-    job = barnax.Job(records, **options.job, **options.tables, watch=run.watch)
+    job = barnax.Job(records, **options_of_job(options.job), watch=run.watch)
     chosen = barnax.plan.plan_of(job) if command == "identify" else None
     plan = barnax.plan.with_choices(chosen or barnax.plan.plan_given(job, command), job)
     if promise is not None:
@@ -270,16 +283,17 @@ class OfPack:
 
 
 def pack(on: OfPack, output: Output) -> None:
-    """Identify every cell of a pack: resistances, capacity and SOC beside the mean, the odd ones.
+    """Identify every cell of a pack, and name the odd ones.
 
-    Writes cells.csv, a fleet's dataset of them, a figure, and the mean cell's
+    Prints resistances, capacity and SOC relative to the mean cell. Writes
+    cells.csv, a fleet's dataset of them, a figure, and the mean cell's
     result.json.
     """
     if "validate" in on.job:
         raise InputError("`validate` does nothing for a pack, whose record is the only one")
     run = output.begun("barnax-pack", [on.record, *on.job.get("ocv", ())])
     run.load_jax()
-    given = {name: value for name, value in on.job.items() if name != "over"}
+    given = {name: value for name, value in options_of_job(on.job).items() if name != "over"}
     of_cells = {"cells": on.cells, "own_time_constants": on.own_time_constants}
     identified = barnax.identify_pack(on.record, **of_cells, **given, watch=run.watch)
     run.show_document(reporting.fleet.pack_document(identified))

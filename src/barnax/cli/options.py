@@ -4,23 +4,26 @@ A group is a dataclass whose docstring has a section for each panel of the help,
 (SPELLING): help` for each field: flags begin with a dash, and the rest is how a value is called.
 Fields of the panel "Arguments" are words without a name. What several groups have is explained in
 `Shared`; options of a job are those of `barnax.identify`, from `settings.py`.
+
+Help is one screen. Where all options take more, it has the usual ones with the first words on each,
+and `--help-all` has every one by its panel. What is for research alone is no option: it stands in a
+plan, or is given in Python.
 """
 
 import functools
 import inspect
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple, dataclass_transform, get_args, get_type_hints
 
 import typer
+from typer.core import TyperCommand
 
 from ..errors import InputError
 from ..files import restore
 from ..settings import (
-    LIMITS,
     WINDOW_OPTIONS,
     CellSettings,
     Reading,
@@ -30,30 +33,34 @@ from ..settings import (
     Window,
     choices_in,
 )
-from .session import as_flags
+from .session import RESEARCH, as_flags
 
 # What was given of some options, by name.
 Given = Mapping[str, Any]
 
 # Panels of the help.
+ARGUMENTS = "Arguments"
 WINDOW = "Records (FILE=VALUE for one of them)"
-INPUT = "Files"
-SEARCH = "Search"
-TABLES = "Tables over SOC"
+PANELS = {
+    **{Settings: "Search", Scope: "Search", TableOptions: "Tables over SOC"},
+    **{CellSettings: "Files", Reading: "Files"},
+}
+# Types of values that are read as they are.
+PLAIN = {int, float, str, bool, type(None)}
 # Where a field keeps the options that it stands for.
 DECLARED = "declared"
 SECTION = re.compile(r"^(\S.*):\n((?:    .*\n?)+)", re.M)
 ENTRY = re.compile(r"    (\w+)(?: \(([^()]*)\))?: (.*(?:\n {8}.*)*)")
+# Lines of a screen, and where the first words on an option end.
+LINES = 40
+FIRST_WORDS = re.compile(r"[.;:] | \(|[.;:]$")
 
 # How the value of an option of a job is called, where its type does not say it.
 SPELLED: dict[Any, str] = {
-    int: "N",
-    **{"model": "iso-rc|so-rc|esc|...", "method": "NAME", "columns": "NAMES", "block_s": "S"},
+    **{"model": "iso-rc|so-rc|esc|...", "method": "NAME", "columns": "NAMES", "fix": "NAME=VALUE"},
     **dict.fromkeys(("current_sign", "ocv_current_sign", "validate_current_sign"), "SIGN"),
-    **{"current_hold": "HOLD", "voltage_lag": "[FILE=]S", "nodes": "SOC,SOC,..."},
-    **{"ocv_fit": "FIT", "hysteresis_fit": "FIT", "rising_ocv": "--rising-ocv/--free-ocv"},
-    **dict.fromkeys(("roughness", "resistance_ridge", "voltage_ridge"), "WEIGHT"),
-    **{"capacity": "AH", "ocv_capacity": "AH", "temperature": "DEGC", "rest_current": "A"},
+    **{"current_hold": "HOLD", "voltage_lag": "[FILE=]S", "ocv_fit": "FIT", "ocv_capacity": "AH"},
+    **{"capacity": "AH", "temperature": "DEGC", "rest_current": "A", "resistances_follow": "LAW"},
     **{"start_time": "S", "score_from": "S", "score_to": "S", "start_after_step": "N"},
     **{"initial_soc": "0..1", "initial_direction": "+1|-1", "score_steps": "N,N"},
     "score_soc": "LOW,HIGH",
@@ -77,36 +84,18 @@ def documented(kind: type) -> dict[str, Entry]:
     }
 
 
-def known_names(module: str, registry: str) -> Callable[[str], list[str]]:
-    """Completes the names of a registry, which is imported only then."""
-
-    def complete(incomplete: str) -> list[str]:
-        names = getattr(import_module(f"barnax.{module}"), registry)
-        return [name for name in names if name.startswith(incomplete)]
-
-    return complete
-
-
-COMPLETED = {
-    "model": known_names("cell", "CIRCUITS"),
-    "method": known_names("optimizers", "OPTIMIZERS"),
-}
-
-
 def _parameter(name: str, hint: Any, default: Any, entry: Entry, **more: Any) -> inspect.Parameter:
     """An option as Typer wants it, or a word of the command."""
-    # Square brackets are markup, of which only bold type is meant.
-    text = re.sub(r"\[(?!/?bold\])", r"\\[", as_flags(entry.help))
     flags = [word for word in entry.spelling.split() if word.startswith("-")]
-    metavar = " ".join(word for word in entry.spelling.split() if word not in flags) or None
-    if entry.panel == "Arguments":
-        more = {"show_default": False, "callback": _restored}
-        declared = typer.Argument(default, metavar=metavar, help=text, **more)
+    more |= {"metavar": " ".join(word for word in entry.spelling.split() if word not in flags)}
+    more |= {"help": as_flags(entry.help), "rich_help_panel": entry.panel, "show_default": False}
+    if entry.panel == ARGUMENTS:
+        declared = typer.Argument(default, callback=_restored, **more)
     else:
         # A flag that is off has no other to switch it off.
-        flags = flags or [f"--{name.replace('_', '-')}"] * (default is False)
-        more |= {"metavar": metavar, "rich_help_panel": entry.panel}
-        declared = typer.Option(default, *flags, help=text, **more)
+        is_flag = hint in (bool, bool | None)
+        flags = flags or [f"--{name.replace('_', '-')}"] * is_flag
+        declared = typer.Option(default, *flags, **more)
     return inspect.Parameter(
         name, inspect.Parameter.KEYWORD_ONLY, default=declared, annotation=hint
     )
@@ -138,12 +127,13 @@ class Shared:
             repeatable.
 
     Output:
-        report: Also write report.html and report.md, with every figure.
+        report: Also write report.html and report.md (with every figure).
         live: Let records be zoomed in report.html, which is then written too.
         paper: Also write figures/paper: every figure as PDF and SVG, one journal column wide (89
             mm, 7 pt).
         force: Replace the file if it exists.
         quiet (--quiet -q): Print no tables and no progress; warnings still go to stderr.
+        help_all (--help-all): Show every option, by group.
     """
 
 
@@ -157,7 +147,7 @@ class Paths:
         validate (FILE): Record to validate on; repeatable.
 
     Search:
-        bounds (FILE.toml): Bounds: a file with a table [bounds], such as "R0 [Ohm]" = [0.001, 0.1].
+        bounds (FILE.toml): File of bounds: a table [bounds], such as "R0 [Ohm]" = [0.001, 0.1].
         fix (NAME=VALUE): Hold a parameter, such as "C1 [F]=500"; repeatable.
     """
 
@@ -171,73 +161,100 @@ def _parameters(kind: type) -> Iterator[inspect.Parameter]:
     """The options of a group, those of its groups in their place."""
     hints, entries = get_type_hints(kind), documented(Shared) | documented(kind)
     for member in fields(kind):
-        more = dict(member.metadata)
-        default = ... if member.default is MISSING else member.default
+        name, more = member.name, dict(member.metadata)
         if DECLARED in more:
             yield from more[DECLARED].values()
-        elif is_dataclass(hints[member.name]):
-            yield from _parameters(hints[member.name])
+        elif is_dataclass(hints[name]):
+            yield from _parameters(hints[name])
         else:
-            name = member.name
+            default = ... if member.default is MISSING else member.default
             yield _parameter(name, hints[name], default, entries[name], **more)
 
 
-def options_of_settings(settings: Any, panel: str, *names: str) -> dict[str, inspect.Parameter]:
-    """Options of a dataclass of `settings.py`, whose values are defaults; all, or some."""
-    hints, entries, options = get_type_hints(type(settings)), documented(type(settings)), {}
-    for name in names or entries:
-        hint, default, choices = hints[name], getattr(settings, name), choices_in(hints[name])
-        if hint not in (int, float, float | None, str, str | None, bool) and not choices:
-            # Written in one word, or a word for each of several, and read where it is used.
-            hint = list[str] if Sequence[str] in get_args(hint) else str
-            hint, default = hint | None, None
-        spelling = SPELLED.get(name) or SPELLED.get(hint) or "|".join(choices)
-        entry = Entry(panel, spelling, entries[name].help)
-        more = {"min": LIMITS.get(name, (None,))[0], "autocompletion": COMPLETED.get(name)}
-        options[name] = _parameter(name, hint, default, entry, **more)
-    return options
+def _of_job() -> Iterator[inspect.Parameter]:
+    """The options of `barnax.identify`; one that is not given is None."""
+    yield from _parameters(Paths)
+    for name, (of_window, *_) in WINDOW_OPTIONS.items():
+        entry = Entry(WINDOW, f"[FILE=]{SPELLED[name]}", documented(Window)[of_window].help)
+        yield _parameter(name, list[str] | None, None, entry)
+    for kind, panel in PANELS.items():
+        hints = get_type_hints(kind)
+        for name, entry in documented(kind).items():
+            hint, choices = hints[name], choices_in(hints[name])
+            if not (choices or {*(get_args(hint) or [hint])} <= PLAIN):
+                # Written in one word, or a word for each of several, and read where it is used.
+                hint = list[str] if Sequence[str] in get_args(hint) else str
+            spelling = SPELLED.get(name) or "|".join(choices) or "N" * (hint is int)
+            yield _parameter(name, hint | None, None, Entry(panel, spelling, entry.help))
 
 
-def _of_windows() -> Iterator[inspect.Parameter]:
-    """The fields of a `Window`, each for all records, or for one by its name."""
-    entries = documented(Window)
-    for option, (name, *_) in WINDOW_OPTIONS.items():
-        entry = Entry(WINDOW, f"[FILE=]{SPELLED[option]}", entries[name].help)
-        yield _parameter(option, list[str] | None, None, entry)
-
-
-# Options of `barnax.identify`, by name.
-OF_JOB = {
-    **{parameter.name: parameter for parameter in (*_parameters(Paths), *_of_windows())},
-    **options_of_settings(Settings(), SEARCH),
-    **options_of_settings(Scope(), SEARCH),
-    **options_of_settings(Settings(), TABLES, "over"),
-    **options_of_settings(TableOptions(), TABLES),
-    **options_of_settings(CellSettings(), INPUT),
-    **options_of_settings(Reading(), INPUT),
-}
+OF_JOB = {option.name: option for option in _of_job() if option.name not in RESEARCH}
 # Those of files, of their records, of the search and of tables.
 HOW_READ = ("current_sign", "current_hold", "voltage_lag", "columns", "series")
-OF_FILES = ("ocv", "validate", *documented(CellSettings), *documented(Reading))
+OF_FILES = ("ocv", "validate", "ocv_capacity", "ocv_fit", *documented(Reading))
 OF_RECORDS = (*WINDOW_OPTIONS,)
 OF_SEARCH = (
     *("objective", "coordinates", "seeds", "population", "iterations", "key"),
     *("bounds", "fix"),
 )
-OF_TABLES = (
-    *("over", "ocv_correction", "rising_ocv", "half_hysteresis", "resistances_follow"),
-    *("keep_starts", "nodes", "roughness", "resistance_ridge", "voltage_ridge"),
-    *("folds", "block_s"),
-)
+OF_TABLES = ("over", "resistances_follow", "keep_starts")
+# Left out of a help that is longer than a screen.
+RARE = {
+    *OF_JOB,
+    "design",
+    "live",
+    "paper",
+    "as_json",
+    "addresses",
+    "group",
+    "scheduler",
+    "shard",
+} - {
+    *("ocv", "validate", "capacity", "temperature", "initial_soc", "current_sign", "columns"),
+    *("series", "model", "over", "trust", "bounds"),
+}
 
 
-def options_of(
-    *names: str, among: Mapping[str, inspect.Parameter] = OF_JOB, are_texts: bool = False
-) -> Any:
-    """Options of a job in a group, which gets those that were given, by name and with the values of
-    `barnax.identify`, or as texts."""
-    declared = {name: among[name] for name in names}
-    return field(metadata={DECLARED: declared, "are_texts": are_texts})
+def options_of(*names: str) -> Any:
+    """Options of a job in a group, which gets those that were given, by name."""
+    return field(metadata={DECLARED: {name: OF_JOB[name] for name in names}})
+
+
+class Command(TyperCommand):
+    """A command whose help is a screen."""
+
+    def get_help(self, ctx: Any) -> str:
+        """All options where they take a screen at most or are asked for, else the usual ones."""
+        whole = self._help(ctx, is_whole=True)
+        is_whole = ctx.meta.get("help_all") or whole.count("\n") < LINES
+        return whole if is_whole else self._help(ctx, is_whole=False)
+
+    def _help(self, ctx: Any, is_whole: bool) -> str:
+        formatter = ctx.make_formatter()
+        self.format_usage(ctx, formatter)
+        self.format_help_text(ctx, formatter)
+        panels: dict[str, list[tuple[str, str]]] = {ARGUMENTS: []}
+        for shown in self.get_params(ctx):
+            flags = "/".join([", ".join(sorted(shown.opts)), *shown.secondary_opts])
+            is_argument, text = shown.param_type_name == "argument", shown.help or ""
+            words = shown.metavar if is_argument else f"{flags} {shown.metavar or ''}".strip()
+            panel = getattr(shown, "rich_help_panel", None) or "Output"
+            if not is_whole:
+                panel = panel if is_argument else "Options"
+                text = FIRST_WORDS.split(text)[0]
+            if is_whole or shown.name not in RARE:
+                panels.setdefault(panel, []).append((words, text))
+        for panel in filter(panels.get, panels):
+            with formatter.section(panel):
+                formatter.write_dl(panels[panel])
+        return formatter.getvalue().rstrip()
+
+
+def _print_all(context: typer.Context, is_asked: bool) -> None:
+    if is_asked:
+        context.meta["help_all"] = True
+        typer.echo(context.get_help())
+        raise typer.Exit
 
 
 def grouped(command: Callable[..., None]) -> Callable[..., None]:
@@ -246,30 +263,26 @@ def grouped(command: Callable[..., None]) -> Callable[..., None]:
     groups.pop("return")
 
     @functools.wraps(command)
-    def spread(context: typer.Context, **given: Any) -> None:
-        sources = {name: context.get_parameter_source(name) for name in given}
-        typed = {name for name, of in sources.items() if of and of.name == "COMMANDLINE"}
-        command(**{name: _made(kind, given, typed) for name, kind in groups.items()})
+    def spread(**given: Any) -> None:
+        command(**{name: _made(kind, given) for name, kind in groups.items()})
 
-    empty, kind = inspect.Parameter.empty, inspect.Parameter.KEYWORD_ONLY
-    spelled = [inspect.Parameter("context", kind, default=empty, annotation=typer.Context)]
-    spelled += [parameter for of in groups.values() for parameter in _parameters(of)]
+    of_help = documented(Shared)["help_all"]
+    spelled = [parameter for of in groups.values() for parameter in _parameters(of)]
+    spelled += [_parameter("help_all", bool, False, of_help, callback=_print_all, is_eager=True)]
     spread.__signature__ = inspect.Signature(spelled)  # pyrefly: ignore
     spread.__annotations__ = {parameter.name: parameter.annotation for parameter in spelled}
     return spread
 
 
-def _made(kind: Any, given: Given, typed: Collection[str]) -> Any:
+def _made(kind: Any, given: Given) -> Any:
     hints, values = get_type_hints(kind), {}
     for member in fields(kind):
         name, declared = member.name, member.metadata.get(DECLARED)
         if declared is not None:
-            texts = {option: given[option] for option in declared if option in typed}
-            values[name] = texts if member.metadata["are_texts"] else options_of_job(texts)
-        elif is_dataclass(hints[name]):
-            values[name] = _made(hints[name], given, typed)
+            values[name] = {each: given[each] for each in declared if given[each] not in (None, [])}
         else:
-            values[name] = given[name]
+            of_group = is_dataclass(hints[name])
+            values[name] = _made(hints[name], given) if of_group else given[name]
     return kind(**values)
 
 
@@ -317,11 +330,4 @@ def options_of_job(given: Given) -> dict[str, Any]:
         from ..model.search_space import parse_fixed
 
         options["fix"] = parse_fixed(options["fix"])
-    if "nodes" in options:
-        try:
-            options["nodes"] = tuple(float(node) for node in options["nodes"].split(","))
-        except ValueError as problem:
-            raise InputError(
-                f"`nodes` {options['nodes']!r}: write states of charge like 0,0.1,0.5,1"
-            ) from problem
     return options

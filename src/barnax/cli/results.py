@@ -37,7 +37,7 @@ class OnRecord:
 
     result: Path
     record: Path
-    of_records: Given = options_of(*OF_RECORDS, are_texts=True)
+    of_records: Given = options_of(*OF_RECORDS)
     read: Given = options_of(*HOW_READ)
     whole_record: bool = False
 
@@ -87,7 +87,7 @@ class Shown:
 
 
 def show(of: Shown) -> None:
-    """Print a result in full, or two results side by side, and what differs.
+    """Print a result, or several side by side with what differs.
 
     Two cells, two ages or two temperatures: the parameters with their
     intervals, and which differ beyond them.
@@ -128,7 +128,7 @@ class Errors:
 
 
 def validate(on: OnRecord, output: Errors) -> None:
-    """Simulate an identified circuit on another record, and print its errors.
+    """Print the errors of an identified circuit on another record.
 
     The window of a record that the result is of applies, unless options
     change it; of another record all is simulated.
@@ -191,7 +191,7 @@ class FilterOptions:
 
 
 def soc(on: OnRecord, chosen: FilterOptions, output: Output) -> None:
-    """Replay a record through a Kalman filter, and say how well the circuit tracks its SOC.
+    """Replay a record through a Kalman filter that tracks its SOC.
 
     The filter runs from a right start, from starts 20 % too low and too high,
     with a current offset, and with a wrong capacity. The window of a

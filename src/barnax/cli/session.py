@@ -24,8 +24,12 @@ from rich.progress import (
 from rich.text import Text
 
 from .. import devices, reporting
-from ..errors import OPTION, InputError, printable, reason_of
+from ..errors import OPTION, InputError, as_keys, printable, reason_of
 from ..notices import Notice, sentences_of
+from ..settings import TableOptions
+
+# Options of `barnax.identify` that are no options of a command, but keys of a plan.
+RESEARCH = {*vars(TableOptions()), "hysteresis_fit"} - {"resistances_follow", "keep_starts"}
 
 
 def flag_of(name: str) -> str:
@@ -38,9 +42,13 @@ def as_flags(text: str) -> str:
 
     >>> as_flags("give `initial_soc=0.9` or `current_sign='charge-positive'`")
     'give --initial-soc 0.9 or --current-sign charge-positive'
+    >>> as_flags("more `nodes`, or `folds=0`")
+    'more nodes (in plan.toml), or folds = 0 (in plan.toml)'
     """
 
     def flag(found: re.Match[str]) -> str:
+        if found[1] in RESEARCH:
+            return f"{as_keys(found[0])} (in plan.toml)"
         name = flag_of(found[1])
         return name if found[2] is None else f"{name} {shlex.quote(found[2].strip(chr(39)))}"
 

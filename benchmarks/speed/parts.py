@@ -23,9 +23,6 @@ from .searches import generations, one_search, optimizer_of, reduce_record
 from .sizes import KEY, POPULATION, Sizes
 from .turns import Run, take_turns
 
-# The next multiple of the eight float64 that a register of AVX-512 holds.
-WHOLE_REGISTERS = -(-POPULATION // 8) * 8
-
 
 def profile(sizes: Sizes) -> tuple[list[tuple[str, float]], list[str]]:
     """Names and seconds of wholes and of their parts, and what follows from them."""
@@ -42,10 +39,7 @@ def profile(sizes: Sizes) -> tuple[list[tuple[str, float]], list[str]]:
     count = sizes.generations_a_turn
     factoring = f"of it, the factor of {rows:,} x {columns} numbers"
     reduction = "the reduction"
-    thirty, more = (
-        f"one generation, scan, {population} candidates"
-        for population in (POPULATION, WHOLE_REGISTERS)
-    )
+    generation = f"one generation, scan, {POPULATION} candidates"
     runs = {
         reduction: Run(lambda: reduce_record(problem)),
         f"of it, the answers of {len(span.skeleton)} pairs to the current": Run(
@@ -61,10 +55,7 @@ def profile(sizes: Sizes) -> tuple[list[tuple[str, float]], list[str]]:
         "the same search of a sphere, which costs nothing": Run(
             lambda: jax.block_until_ready(_search_sphere(optimizer, keys, box))
         ),
-        thirty: Run(generations(scan, points, count), each=count),
-        more: Run(
-            generations(scan, points_of(bundled_problem(), WHOLE_REGISTERS), count), each=count
-        ),
+        generation: Run(generations(scan, points, count), each=count),
     }
     taken = take_turns(runs, 3 * sizes.turns)
     speed = 2 * rows * columns**2 / taken[factoring]
@@ -73,10 +64,9 @@ def profile(sizes: Sizes) -> tuple[list[tuple[str, float]], list[str]]:
         f"reduction's time. It is LAPACK's work, {speed / 1e9:.0f} GFLOP/s of 2 rows columns^2 "
         "operations. Normal equations would need half as many and cost half the digits, which the "
         "promised 1e-9 does not allow.",
-        f"A sample of a generation takes {1e9 * taken[thirty] / rows:.1f} ns for {POPULATION} "
-        f"candidates and {1e9 * taken[more] / rows:.1f} ns for {WHOLE_REGISTERS}, as many as the "
-        f"kernel's lanes. The scan moves every state {(2 * TURN - 1) / TURN:g} times a sample, the "
-        "kernel once: told to do so, XLA copies the states in every turn, which takes longer.",
+        f"A sample of a generation takes {1e9 * taken[generation] / rows:.1f} ns. The scan moves "
+        f"every state {(2 * TURN - 1) / TURN:g} times a sample, for XLA sums the errors apart from "
+        "the states, the kernel once; it needs one operation for that where the kernel needs two.",
     ]
     return [(name, taken[name]) for name in runs], follows
 

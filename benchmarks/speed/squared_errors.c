@@ -2,7 +2,7 @@
  * Candidates are SIMD lanes: every inner loop runs over a block of LANES of them. */
 #include <stddef.h>
 
-#define LANES 32
+#define LANES 16
 
 /* rows of `circuit`, each `candidates` long: decay1, push1, decay2, push2, r0 */
 void squared_errors(const double *restrict circuit, size_t candidates,

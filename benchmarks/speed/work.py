@@ -42,7 +42,7 @@ def time_generations(name: str, kernel: Kernel, sizes: Sizes) -> list[Row]:
             f"one generation, scan, {population} candidates x {samples}, f64",
             taken, f"scan {population}", f"kernel {population}", name, aim,
         )
-        for population, aim in ((POPULATION, 3.0), (LARGE, 2.5))
+        for population, aim in ((POPULATION, 1.2), (LARGE, 1.2))
     ]  # fmt: skip
 
 

@@ -88,7 +88,8 @@ def compile_for(function: Callable[..., Outcome], *arguments: Any) -> Callable[.
 def _compile(function: Callable[..., Outcome], arguments: Sequence[Any]) -> Callable[..., Outcome]:
     def compiled() -> Callable[..., Outcome]:
         # A new function each time: JAX remembers what it traced of one that it knows.
-        jitted: Any = eqx.filter_jit(functools.partial(function))
+        options: Any = {"compiler_options": _OPTIONS if _in_one_function.get() else None}
+        jitted: Any = eqx.filter_jit(functools.partial(function), **options)
         return jitted.lower(*arguments).compile()
 
     if jax.default_backend() != "cpu":
@@ -104,6 +105,8 @@ def _compile(function: Callable[..., Outcome], arguments: Sequence[Any]) -> Call
         _in_one_function.reset(asked)
 
 
+# On a CPU, registers as wide as it has: XLA's own limit is 256 bits.
+_OPTIONS = {"xla_cpu_prefer_vector_width": "512"}
 # Whether a program may be asked for in one function, while it is traced; and how XLA is asked.
 _in_one_function: ContextVar[bool] = ContextVar("in one function", default=False)
 _ASKED = {"xla_cpu_small_call": "true", "inlineable": "false"}

@@ -2,7 +2,7 @@
 
 Everything that is the same for all candidates (SOC, open-circuit and hysteresis voltage, the
 intervals) is in a `SimulationInput`, made once. A candidate's simulation is its RC states and its
-ohmic drop. Functions are written for one candidate; callers vmap them.
+ohmic drop. Functions are for one candidate; callers vmap them.
 """
 
 import abc
@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from equinox import AbstractVar
 from jax import lax
+from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Float, Int, PyTree, Scalar
 
 from ..cell.elements import rungs_of
@@ -80,13 +81,13 @@ class Joint(AbstractEvaluator):
         return jnp.concatenate([part.errors(rc) for part in self.parts])
 
 
-# Samples to a turn of the loop, measured on two CPU cores for 8 to 900 candidates: these are
-# fastest or near it, twice as many can be three times slower.
-BLOCK = 5
+# Samples to a turn of the loop, and candidates side by side in it at most: measured on CPU cores
+# for 1 to 900 candidates, half or twice as many of either are slower. Candidates are filled up to
+# whole registers of AVX-512, for those left over would be computed one by one.
+BLOCK = 8
+LANES = 256
+REGISTER = 8
 UNROLL_STACKED = 4
-
-# The voltage over every RC pair, and the state of a dynamic hysteresis.
-State = tuple[tuple[Scalar, ...], Scalar]
 
 
 class HysteresisInput(eqx.Module):
@@ -153,38 +154,8 @@ class SimulationInput(AbstractEvaluator):
         )
 
     def squared_error(self, rc: RCParameters) -> Scalar:
-        """Sum of squared errors over the scored samples, in V^2.
-
-        The error is summed in the scan's carry: stacking the voltages first costs 4 to 40 times
-        more.
-        """
-        circuit = _Circuit(rc, self)
-        samples = circuit.moving, circuit.counting
-        blocks, left = divmod(len(self.current_a), BLOCK)
-        moving, counting = jax.tree.map(
-            lambda array: array[: blocks * BLOCK].reshape(blocks, BLOCK), samples
-        )
-        # A turn moves the states over the block before its own, then sums its own errors, so that
-        # the sum only reads what has already moved and nothing is copied. Before the first is none.
-        before = jax.tree.map(
-            lambda array: jnp.concatenate([jnp.zeros_like(array[:1]), array[:-1]]), moving
-        )
-
-        def turn(carry, block):
-            state, total = carry
-            before, moving, counting = block
-            # Without this the compiler would move them once more where the errors are summed.
-            state = lax.optimization_barrier(circuit.advance(state, before, BLOCK))
-            return (state, circuit.add_errors(total, state, moving, counting, BLOCK)), None
-
-        total = jnp.zeros_like(rc.r0)
-        state = (total,) * len(rc.pairs), total
-        if blocks:
-            scan = in_one_function(lambda carry, samples: lax.scan(turn, carry, samples)[0])
-            state, total = scan((state, total), (before, moving, counting))
-            state = circuit.advance(state, jax.tree.map(lambda array: array[-1], moving), BLOCK)
-        moving, counting = jax.tree.map(lambda array: array[blocks * BLOCK :], samples)
-        return circuit.add_errors(total, state, moving, counting, left)
+        """Sum of squared errors over the scored samples, in V^2."""
+        return _squared_errors(jax.tree.map(lambda own: jnp.reshape(own, 1), rc), self)[0]
 
     def errors(self, rc: RCParameters) -> Float[Array, "samples"]:
         error_v = self.base_error_v + overpotential(rc, self)
@@ -238,13 +209,14 @@ def respond(
     intervals: Intervals,
 ) -> tuple[Float[Array, "*channels"], Float[Array, "samples *channels"]]:
     """The same from any state on, and the state that a continuation starts from."""
-    pair = Pair(jnp.ones_like(tau), tau, intervals)
+    pair = Pair(tau, intervals)
 
     def step(state, sample):
         return pair.advance(state, *sample), state
 
     scan = in_one_function(lambda state, held: lax.scan(step, state, held, unroll=UNROLL_STACKED))
-    return scan(state, _clocked(held, intervals))
+    after, responses = scan(state / pair.unit, _clocked(held, intervals))
+    return pair.unit * after, pair.unit * responses
 
 
 @unit_response.defjvp
@@ -265,84 +237,116 @@ def _clocked(held: Float[Array, "samples *channels"], intervals: Intervals):
     return held, intervals.node, intervals.offset_s
 
 
-class _Circuit:
-    """One candidate's RC pairs and hysteresis, and the error they make at a sample."""
+@custom_vmap
+def _squared_errors(rc: RCParameters, inputs: SimulationInput) -> Float[Array, "candidates"]:
+    """The sum of squared errors of every candidate, by scans of at most `LANES` of them."""
+    count = len(rc.r0)
+    scans = -(-count // LANES)
+    lanes = -(-count // (scans * REGISTER)) * REGISTER
+    filled = jax.tree.map(
+        lambda own: jnp.pad(own, (0, scans * lanes - count), mode="edge").reshape(scans, lanes), rc
+    )
+    totals = lax.map(lambda rc: _Population(rc, inputs).squared_errors(), filled)
+    return totals.reshape(-1)[:count]
+
+
+@_squared_errors.def_vmap
+def _of_populations(size: int, is_batched: PyTree, rc: RCParameters, inputs: SimulationInput):
+    """Those of several populations, which are one large population: they share the inputs."""
+    del is_batched
+    count = rc.r0.shape[-1]
+    together = jax.tree.map(lambda own: jnp.broadcast_to(own, (size, count)).reshape(-1), rc)
+    return _squared_errors(together, inputs).reshape(size, count), True
+
+
+class _Population:
+    """RC pairs and hysteresis of candidates side by side, and the errors they make."""
 
     def __init__(self, rc: RCParameters, inputs: SimulationInput):
-        clock, hysteresis = inputs.intervals, inputs.hysteresis
+        clock, hysteresis, amplitude_v = inputs.intervals, inputs.hysteresis, None
         self._r0 = rc.r0
-        self._pairs = [Pair(r, tau, clock) for r, tau in rc.pairs]
-        self._hysteresis, turning, amplitude_v = None, None, None
+        self._pairs = [Pair(tau, clock) for _, tau in rc.pairs]
+        # What each state adds to the error, by the state or by the state and the amplitude.
+        self._slopes = [r * own.unit for (r, _), own in zip(rc.pairs, self._pairs, strict=True)]
+        moving = [_clocked(inputs.held_a, clock)] * len(self._pairs)
         if hysteresis is not None and rc.gamma is not None:
-            one = jnp.ones_like(rc.r0)
-            self._hysteresis = Pair(one, 1 / rc.gamma, hysteresis.intervals)
-            turning = _clocked(hysteresis.hysteresis_input, hysteresis.intervals)
             amplitude_v = hysteresis.amplitude_v
-        # What moves the state from sample to sample, and what an error depends on beside it.
-        self.moving = _clocked(inputs.held_a, clock), turning
-        self.counting = inputs.current_a, inputs.base_error_v, inputs.weight, amplitude_v
+            self._pairs.append(Pair(1 / rc.gamma, hysteresis.intervals))
+            self._slopes.append(-self._pairs[-1].unit)
+            moving.append(_clocked(hysteresis.hysteresis_input, hysteresis.intervals))
+        counting = inputs.current_a, inputs.base_error_v, inputs.weight, amplitude_v
+        self._samples = moving, counting
 
-    def advance(self, state: State, moving: PyTree, samples: int) -> State:
-        """The state so many samples later."""
-        for sample in range(samples):
-            state = self._step(state, jax.tree.map(lambda array, at=sample: array[at], moving))
-        return state
+    def squared_errors(self) -> Float[Array, "candidates"]:
+        """The sums over all samples.
 
-    def add_errors(
-        self, total: Scalar, state: State, moving: PyTree, counting: PyTree, samples: int
-    ) -> Scalar:
-        """The total with the squared errors of so many samples, the first in this state."""
-        for sample in range(samples):
-            clocked, (current_a, base_error_v, weight, amplitude_v) = jax.tree.map(
-                lambda array, at=sample: array[at], (moving, counting)
+        They are a carry of the scan: stacking the voltages first costs 4 to 40 times more.
+        """
+
+        def turn(carry, first):
+            block = jax.tree.map(
+                lambda array: lax.dynamic_slice_in_dim(array, first, BLOCK), self._samples
             )
-            states, hysteresis_state = state
-            error_v = base_error_v + self._r0 * current_a + sum(states)
-            if amplitude_v is not None:
-                error_v = error_v - amplitude_v * hysteresis_state
-            # Weighted before it is squared: a weight of one then leaves every bit as it is.
-            counted_v = error_v if weight is None else weight * error_v
-            total = total + counted_v * counted_v
-            if sample + 1 < samples:
-                state = self._step(state, clocked)
-        return total
+            return self._add(carry, block, BLOCK), None
 
-    def _step(self, state: State, moving: PyTree) -> State:
-        (states, hysteresis_state), (clocked, turning) = state, moving
-        states = tuple(
-            pair.advance(state_v, *clocked)
-            for pair, state_v in zip(self._pairs, states, strict=True)
-        )
-        if self._hysteresis is not None:
-            hysteresis_state = self._hysteresis.advance(hysteresis_state, *turning)
-        return states, hysteresis_state
+        none = jnp.zeros_like(self._r0)
+        carry = (none,) * len(self._pairs), none
+        samples = len(self._samples[1][0])
+        whole = samples - samples % BLOCK
+        if whole:
+            scan = in_one_function(lambda carry, firsts: lax.scan(turn, carry, firsts)[0])
+            carry = scan(carry, jnp.arange(0, whole, BLOCK))
+        rest = jax.tree.map(lambda array: array[whole:], self._samples)
+        return self._add(carry, rest, samples - whole)[1]
+
+    def _add(self, carry: PyTree, samples: PyTree, count: int) -> PyTree:
+        """The states after so many samples, and the totals with their squared errors."""
+        states, total = carry
+        for sample in range(count):
+            moving, counting = jax.tree.map(lambda array, at=sample: array[at], samples)
+            total = total + self._error_v(states, *counting) ** 2
+            states = tuple(
+                pair.advance(state, *own)
+                for pair, state, own in zip(self._pairs, states, moving, strict=True)
+            )
+        return states, total
+
+    def _error_v(self, states, current_a, base_error_v, weight, amplitude_v):
+        added_v = [slope * state for slope, state in zip(self._slopes, states, strict=True)]
+        if amplitude_v is not None:
+            added_v[-1] = amplitude_v * added_v[-1]
+        error_v = sum(added_v, base_error_v + self._r0 * current_a)
+        # Weighted before it is squared: a weight of one then leaves every bit as it is.
+        return error_v if weight is None else weight * error_v
 
 
 class Pair:
-    """One RC pair, moved over one interval by the current that flowed in it."""
+    """One RC pair of 1 ohm, moved over one interval by the current that flowed in it.
 
-    def __init__(self, r: Scalar, tau: Scalar, intervals: Intervals):
-        self._r = r
+    Its state is counted in `unit`, in V: on even intervals one fused multiply-add moves it.
+    """
+
+    def __init__(self, tau: Scalar, intervals: Intervals):
         self._intervals = intervals
         self._rate = 1 / tau
         # expm1 keeps 1 - exp(-interval / tau) exact where tau is far longer than the interval.
-        self._gain = -jnp.expm1(-intervals.node_s * self._rate)
-        # Even intervals need no look-up: one product and one fused multiply-add a sample.
+        self._gain = -jnp.expm1(-jnp.multiply.outer(intervals.node_s, self._rate))
         self._decay = jnp.exp(-intervals.node_s[0] * self._rate)
-        self._push = r * self._gain[0]
+        self._is_even = intervals.is_even and not intervals.has_offsets
+        self.unit = self._gain[0] if self._is_even else jnp.ones_like(tau)
 
     def advance(
         self,
-        state_v: Float[Array, "*channels"],
+        state: Float[Array, "*channels"],
         held_a: Float[Array, "*channels"],
         node: Int[Array, ""],
         offset_s: Scalar,
     ) -> Float[Array, "*channels"]:
         """The state at the next sample: it goes the share 1 - exp(-interval / tau) of its way."""
-        if self._intervals.is_even and not self._intervals.has_offsets:
-            return self._decay * state_v + self._push * held_a
+        if self._is_even:
+            return self._decay * state + held_a
         gain = self._gain[node]
         if self._intervals.has_offsets:
             x = offset_s * self._rate
             gain = gain + (1 - gain) * x * (1 - x * (1 / 2 - x / 6))
-        return state_v + gain * (self._r * held_a - state_v)
+        return state + gain * (held_a - state)

@@ -61,7 +61,7 @@ def test_the_first_screen_is_short_and_says_what_the_result_stores(finished, res
     lines = finished.outcome.out.splitlines()
     # What is to be copied is in one line, however long.
     assert max(len(line) for line in lines if "  barnax " not in line) <= 80
-    assert any(line.endswith(f" s  barnax show {finished.folder}") for line in lines)
+    assert any(line.endswith(f" s  barnax show --all {finished.folder}") for line in lines)
     assert len([line for line in lines if line.strip()]) <= 23
     text = " ".join(finished.outcome.out.split())
     own = result.metrics.identification
@@ -70,6 +70,16 @@ def test_the_first_screen_is_short_and_says_what_the_result_stores(finished, res
     seeds_there = result.constant.global_optimum.seeds_there
     assert f"Search: for comparison, {seeds_there} of 3 ibmo seeds converge to" in text
     assert "identification.parquet" in text
+
+
+def test_show_prints_the_first_screen_again_and_all_of_a_result_where_asked(run, finished):
+    screen = finished.outcome.out
+    again = run("show", finished.folder).out.rstrip()
+    assert again
+    assert screen.startswith(again)
+    whole = run("show", "--all", finished.folder).out
+    assert "What was decided" in whole
+    assert whole.count("\n") > 3 * again.count("\n")
 
 
 def test_warnings_go_to_stderr_and_into_the_result(finished, result):

@@ -199,7 +199,7 @@ def _run(
         raise unseen
     run.show(reporting.terminal.next_lines(*_next(result, run, plan, options.design)))
     names = ["report.html", "result.json", TABLES, "pulses.csv", "figures"]
-    run.show_written(names, following=f"barnax show {shlex.quote(str(run.folder))}")
+    run.show_written(names, following=f"barnax show --all {shlex.quote(str(run.folder))}")
     run.tell(result.notes)
     run.warn(result.warnings)
 

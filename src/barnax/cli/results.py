@@ -79,17 +79,19 @@ class Shown:
             shown side by side.
 
     Output:
+        whole (--all): Print every decision, table and warning.
         choice: Show how the circuit was chosen, and no more.
     """
 
     results: list[Path]
+    whole: bool = False
     choice: bool = False
 
 
 def show(of: Shown) -> None:
     """Print a result, or several side by side with what differs.
 
-    Two cells, two ages or two temperatures: the parameters with their
+    Of one result it is the first screen, as identify printed it. Two cells, two ages or two temperatures: the parameters with their
     intervals, and which differ beyond them.
     """
     if len(of.results) > 1:
@@ -98,9 +100,11 @@ def show(of: Shown) -> None:
         stored = barnax.Result.load(of.results[0])
         if of.choice and not stored.tried:
             raise InputError(f"{of.results[0]}: its circuit was asked for, so none was chosen")
-        document_of = reporting.identification.identification_document
+        document_of = reporting.first_screen.first_screen
         if of.choice:
             document_of = reporting.result_tables.choice_document
+        elif of.whole:
+            document_of = reporting.identification.identification_document
         document = document_of(stored)
     Session(is_quiet=False).show_document(document)
 

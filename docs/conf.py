@@ -35,8 +35,9 @@ extensions = [
 exclude_patterns = ["build", "result.schema.json"]
 html_theme = "furo"
 html_title = f"barnax {release}"
-html_static_path = ["site.css"]
+html_static_path = ["site.css", "sort.js"]
 html_css_files = ["site.css"]
+html_js_files = ["sort.js"]
 html_show_sphinx = False
 html_favicon = "icon.svg"
 
@@ -74,24 +75,22 @@ TAKEN = {
 
 
 def copy_pages(app: Any) -> None:
-    """Copy the pages and the pictures of the results, and list the results."""
+    """Copy the pages and the pictures of the results."""
     pages = {COPIES / inside: HERE / outside for outside, inside in TAKEN.items()}
     del pages[COPIES / "results"]
-    results = sorted(RESULTS.glob("*.md"))
-    pages |= {COPIES / "results" / path.name: path for path in results}
+    results = sorted(set(RESULTS.glob("*.md")) - {RESULTS / "README.md"})
+    pages |= {COPIES / "results" / path.name: path for path in (RESULTS / "README.md", *results)}
+    listed = "\n".join(path.stem for path in results)
     for copy, path in pages.items():
         up = "../" * (len(copy.relative_to(HERE).parts) - 1)
         text = path.read_text(encoding="utf-8")
         moved = {"docs/": up, "../../docs/": up, "CHANGELOG.md": "changelog.md"}
         for there, here in (moved | {"benchmarks/results/": "results/"}).items():
             text = text.replace(f"]({there}", f"]({here}")
-        _write(copy, text)
-    names = "\n".join(path.stem for path in results)
-    _write(
-        COPIES / "results" / "index.md",
-        "# Results\n\nEvery page is printed by a committed command, which it names.\n\n"
-        f"```{{toctree}}\n{names}\n```\n",
-    )
+        if copy == COPIES / "results" / "README.md":
+            text += f"\n```{{toctree}}\n:hidden:\n\n{listed}\n```\n"
+        # A search finds the guides, not what they rest on.
+        _write(copy, text if copy.name == "data.md" else f"---\nnosearch: true\n---\n\n{text}")
     for path in RESULTS.glob("*.png"):
         shutil.copy2(path, COPIES / "results" / path.name)
 

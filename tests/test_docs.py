@@ -25,8 +25,8 @@ ALL_PAGES = {"../README.md": README, **PAGES}
 # Each does again what another page, an example or a test does, and takes long.
 SLOW = {
     *("README.md-0", "api/index.md-0", "design.md-0"),
-    *("filters.md-0", "getting-started.md-0", "methods.md-1"),
-    *("packs.md-0", "pulses.md-0", "your-own-data.md-0", "your-own-data.md-1"),
+    *("filters.md-0", "getting-started.md-0", "many-cells.md-0", "methods.md-1"),
+    *("pulses.md-0", "your-own-data.md-0"),
 }
 BLOCKS = [
     pytest.param(block, id=each, marks=[pytest.mark.slow] if each in SLOW else [])
@@ -94,7 +94,8 @@ def test_the_page_on_methods_names_every_optimizer():
 
 def test_every_page_is_in_the_table_of_contents():
     listed = {*PAGES["index.md"].splitlines()}
-    listed |= {f"api/{line}" for line in PAGES["api/index.md"].splitlines()}
+    for folder in ("api", "notebooks"):
+        listed |= {f"{folder}/{line}" for line in PAGES[f"{folder}/index.md"].splitlines()}
     assert {name.removesuffix(".md") for name in PAGES} - {"index"} <= listed
 
 

@@ -106,7 +106,7 @@ def test_carried_values_of_two_kinds_are_kept_as_text(tmp_path, is_one_part):
 
 def test_duckdb_and_polars_answer_the_three_questions_alike(tmp_path):
     duckdb = pytest.importorskip("duckdb")
-    page = (Path(__file__).parents[2] / "docs" / "fleet.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "docs" / "many-cells.md").read_text(encoding="utf-8")
     questions = re.findall(r"^```sql\n(.*?)^```", page, re.M | re.S)
     assert len(questions) == 3
     for shard in (1, 2):

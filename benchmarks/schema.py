@@ -10,12 +10,11 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 DOCS = Path(__file__).parents[1] / "docs"
 HEAD = """# Notices
 
-Every warning, and every finding of a check, has a code for a program to act on; a refusal has one
-where a program can, else `input.refused`. `result.warnings`, `result.notes` and the findings of
-`barnax.check_file` are of `barnax.Notice`, which prints as its sentence. `result.json` and
-`barnax check --json` hold code, file, row, numbers and words, and a fleet's dataset has the columns
-`warning codes` and `error code`. An `InputError` has its code in `code`, and what it says in
-`notice`.
+What does a warning mean, and how does a program act on it? Every warning, finding of a check and
+refusal has a code. `result.warnings`, `result.notes` and the findings of `barnax.check_file` are
+`barnax.Notice`s, which print as their sentence; an `InputError` has its code in `code`. `result.json`
+and `barnax check --json` hold code, file, row, numbers and words, and a fleet's dataset has the
+columns `warning codes` and `error code`.
 
 ```python
 import barnax
@@ -26,11 +25,8 @@ for notice in checked.findings:
     print(notice)
 ```
 
-What the data do not determine of a circuit is not worded so: it has its `kind` and its estimates in
-`result.constant.assessment.identifiability.findings`.
-
-What is found in many samples may be more severe than usual, and is then stored so. This page is
-written by `python -m benchmarks.schema`; a click on a heading sorts the table.
+A finding in many samples may be more severe than usual. A click on a heading sorts the table, which
+`python -m benchmarks.schema` writes.
 
 | code | usually | what it means |
 |---|---|---|

@@ -54,10 +54,10 @@ def test_each_record_has_its_own_window_or_the_common_one():
 def told(tmp_path):
     """What is warned of for a file of these columns, as the record to identify on."""
 
-    def warnings(time_s, current_a, voltage_v, role="identification", window=None):
+    def warnings(time_s, current_a, voltage_v, role="identification"):
         path = tmp_path / "drive.csv"
         logged(time_s, current_a, voltage_v).write_csv(path)
-        return input_warnings(check_file(path), role, window)
+        return input_warnings(check_file(path), role)
 
     return warnings
 
@@ -80,7 +80,7 @@ def test_a_record_that_is_small_beside_its_capacity_has_not_too_few_steps(
     measured, path = bundled_record, tmp_path / "drive.csv"
     current_a = np.where(np.arange(4000) < 10 * steps, -measured.current_a[:4000], -1.0)
     logged(measured.time_s[:4000], current_a, measured.voltage_v[:4000]).write_csv(path)
-    found = input_warnings(check_file(path, capacity_ah=capacity_ah), "identification", None)
+    found = input_warnings(check_file(path, capacity_ah=capacity_ah), "identification")
     names = {"drive.csv"}
     assert are_unfit(names, found) == is_unfit
     assert are_unfit(names, found, by_steps=True) == by_steps
@@ -96,24 +96,11 @@ def test_what_makes_r0_wrong_says_nothing_against_an_ocv_test():
     found = tuple(Notice(code, values) for code, values in given.items())
     checked = FileCheck("ocv.csv", found, None, ())
     of_test, of_record = (
-        [each.code for each in input_warnings(checked, role, None)]
+        [each.code for each in input_warnings(checked, role)]
         for role in ("OCV test", "identification")
     )
     assert of_record == [each.code for each in found]
     assert of_test == ["gaps.missing"]
-
-
-def test_a_window_is_proposed_where_none_is_chosen(real_data):
-    (path,) = real_data.glob("calce*/us06_25degC_80soc*.parquet")
-    found = check_file(path, capacity_ah=2.0)
-    proposed = "give `start_after_step=3` `initial_soc=1` `score_steps=7,8`"
-    # A capacity says nothing of where to start.
-    for window in (None, Window(capacity_ah=2.0), {"other.csv": Window(score_to_s=9.0)}):
-        told = input_warnings(found, "identification", window)
-        assert [each.remedy for each in told if each.code == "role.window"] == [proposed]
-    for window in (Window(score_to_s=9.0), {path.name: Window(initial_soc=1.0)}):
-        told = input_warnings(found, "identification", window)
-        assert "role.window" not in {each.code for each in told}
 
 
 def test_a_record_to_validate_on_is_checked_too(tmp_path, bundled_cell):

@@ -62,21 +62,15 @@ def read_inputs(
             raise InputError("give a record to identify on; `ocv` and `validate` need one")
         given, tests, others = [BUNDLED.record], [*BUNDLED.ocv], [BUNDLED.validation]
     elif not tests and cell is None and without_test is None:
-        raise Notice("ocv-test.missing", subject=_name_of(given[0])).error()
+        raise Notice("ocv-test.missing", subject=name_of(given[0])).error()
     names = file_names([*given, *tests, *others])
     looked_at: list[tuple[str, Source, Any]] = []
     called: dict[str, int] = {}
 
     def take(item: Given, role: str) -> Any:
         """The record or table in a file or frame, read once, and remembered to be checked."""
-        if isinstance(item, OcvTable):
-            return item
-        is_record, frame = isinstance(item, Record), _FRAMES.get(role, FRAME)
-        source: Any = item if is_record else source_of(item, names, job, frame)
-        # Files have names of their own already; one that is given twice is told by its name.
-        if role != "OCV test" and not isinstance(item, str | Path):
-            source = numbered(source, called)
-        if is_record:
+        source = named_source(item, role, names, called, job)
+        if not isinstance(source, Source):
             return source
         read = read_ocv_test if role == "OCV test" else read_record
         looked_at.append((role, source, read(source, **how_read(job, source.name, role))))
@@ -161,7 +155,7 @@ def _checked(
             if not own.is_chosen:
                 raise_first_error(against, found.file)
             warnings += [warning.about(found.file) for warning in against]
-        warnings += input_warnings(found, role, window)
+        warnings += input_warnings(found, role)
         if role == "identification" and found.traits:
             kinds[found.file] = found.traits.kind(own_ah, has_test=not cell.is_of_records)
             if found.traits.kind(own_ah) == "charge":
@@ -265,6 +259,19 @@ def source_of(
     return replace(source, name=names.get(Path(given), source.name))
 
 
+def named_source(
+    item: Given, role: str, names: Mapping[Path, str], called: dict[str, int], reading: Reading
+) -> Any:
+    """A file or frame, read once, under a name of its own; a `Record` or table as it is."""
+    if isinstance(item, OcvTable):
+        return item
+    frame = _FRAMES.get(role, FRAME)
+    source = item if isinstance(item, Record) else source_of(item, names, reading, frame)
+    # Files have names of their own already; one that is given twice is told by its name.
+    is_named = role == "OCV test" or isinstance(item, str | Path | Source)
+    return source if is_named else numbered(source, called)
+
+
 def numbered(source: Any, called: dict[str, int]) -> Any:
     """A source or record, numbered where `called` has its name: windows go by name, and two of one
     name would share a start."""
@@ -272,7 +279,7 @@ def numbered(source: Any, called: dict[str, int]) -> Any:
     return source if count == 1 else replace(source, name=f"{source.name} {count}")
 
 
-def input_warnings(found: FileCheck, role: str, window: Windows) -> list[Notice]:
+def input_warnings(found: FileCheck, role: str) -> list[Notice]:
     """Warnings of the checks of a file about the role that it is given."""
     told = [
         finding.about(found.file)
@@ -283,9 +290,6 @@ def input_warnings(found: FileCheck, role: str, window: Windows) -> list[Notice]
         if use.name == role and not use.is_usable:
             unfit = {"role": role, "reason": use.reason, "half_width": use.half_width}
             told.insert(0, Notice("role.unfit", unfit, found.file))
-        elif use.name == role and use.window and not window_of(window, found.file).is_chosen:
-            given = {"reason": use.window.reason, "advice": use.window.advice}
-            told += [Notice("role.window", given, found.file)] if given["advice"] else []
     return told
 
 
@@ -334,10 +338,10 @@ def listed(sources: Given | Sequence[Given]) -> list[Given]:
     return list(sources) if isinstance(sources, list | tuple) else [sources]
 
 
-def _name_of(source: Given) -> str:
+def name_of(source: Given) -> str:
     if isinstance(source, str | Path):
         return printable(Path(source).name)
-    return source.name if isinstance(source, Record | Source) else FRAME
+    return source.name if isinstance(source, Record | OcvTable | Source) else FRAME
 
 
 def file_names(paths: Iterable[Any]) -> dict[Path, str]:

@@ -32,8 +32,7 @@ from .over_soc.problem import is_loaded
 from .over_soc.registration import counted_alike, register, register_alone, rest_warnings
 from .over_soc.settings import TableSettings
 from .over_soc.temperature import group_by_temperature, require_temperatures
-from .plan import plan_of, planned
-from .plan.running import prepare_pulse_tests
+from .plan import plan_given, plan_of, planned
 from .records import Record
 from .records.hold import sampled_as
 from .result_parts import InputPart
@@ -249,7 +248,7 @@ def hppc(job: Job) -> Result:
         job = job.changed(
             records=BUNDLED.hppc[1], validate=listed(job.validate) or BUNDLED.validation
         )
-    return identify(prepare_pulse_tests(job))
+    return identify(job.changed(records=plan_given(job, "hppc")))
 
 
 def identify_problem(

@@ -157,7 +157,7 @@ def replay_soc(
         result: The identified circuit; its assessment gives the filter its noise.
         record: A file, `Record` or data frame.
         window: The part of the record that is replayed; by default its own if the result is of
-            it, else all of it.
+            it, else the one that a plan gives it.
         settings: The filter.
         scenarios: Errors of a battery manager's knowledge; by default four cases.
         current_sign: The sign of the file's current; "auto" decides from the data.

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 
@@ -10,10 +10,11 @@ from .cell.parameters import OCV_CORRECTION
 from .errors import InputError, require_choice
 from .filters import Kind
 from .filters.model import CAPACITY, GRID, OFFSET, ErrorModel, FilterModel, make_model
-from .inputs import read_validation
+from .inputs import read_validation, source_of
 from .model.window import Window, merged
 from .notices import Notice
 from .over_soc.registration import FULL_SD
+from .plan import planned_window
 from .records import Given, Record, Source
 from .results import Result
 from .settings import Reading
@@ -63,20 +64,30 @@ LASTING, LASTING_S = 3.0, 100.0
 HYSTERESIS, UNTURNED = 0.5, 0.75
 
 
-def window_of(result: Result, record: Record | Source, chosen: Window | None = None) -> Window:
+def window_of(
+    result: Result,
+    record: Record | Source,
+    source: Source | Record,
+    reading: Reading,
+    chosen: Window | None = None,
+) -> Window:
     """The window of a record: the one chosen; else its own, as it was registered, if it is among
-    the result's inputs by its content; else all of it. The capacity and the rest current are those
-    of all records of the result where nothing else is given."""
+    the result's inputs by its content; else that of a plan for its source. The capacity and the
+    rest current are those of all records of the result where nothing else is given."""
     own = (part.window for part in result.inputs if part.window and part.is_of(record))
-    return merged(result.common_window, chosen or next(own, None) or Window())
+    window = chosen or next(own, None)
+    if window is None:
+        return planned_window(source, result.cell, reading, result.common_window)
+    return merged(result.common_window, window)
 
 
 def read_for(
     result: Result, given: Given, chosen: Window | None, reading: Reading
 ) -> tuple[Record, Window, list[Notice]]:
     """A record for a result's circuit, its window, and what the checks have against it."""
-    choose = partial(window_of, result, chosen=chosen)
-    record, warnings = read_validation(given, reading, choose, result.cell, result.measured_at)
+    source = given if isinstance(given, Record) else source_of(given, {}, reading)
+    choose = cache(partial(window_of, result, source=source, reading=reading, chosen=chosen))
+    record, warnings = read_validation(source, reading, choose, result.cell, result.measured_at)
     return record, choose(record), warnings
 
 

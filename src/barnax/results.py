@@ -211,7 +211,7 @@ class Result(Document):
         Args:
             record: A file, `Record` or data frame.
             window: The part of the record that is simulated; by default its own if the result is of
-                it, else all of it.
+                it, else the one that a plan gives it.
             current_sign: The sign of the file's current; "auto" decides from the data.
             current_hold, voltage_lag, columns, series: As for `read_record`.
 

@@ -1,6 +1,7 @@
 """What a folder's files are found to be for, whatever they are called."""
 
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import polars as pl
@@ -9,7 +10,9 @@ import pytest
 import barnax
 from barnax.bundled import BUNDLED, bundled_file
 from barnax.errors import InputError
-from barnax.plan import looking, plan
+from barnax.plan import looking, plan, plan_of, planned_window
+from barnax.records import read_source
+from barnax.settings import Reading
 from helpers.ocv_tests import slow_sweep
 from helpers.records import CURRENT, TIME, VOLTAGE, frame, logged, once, with_counters
 
@@ -52,6 +55,18 @@ def at(degc):
 
 def roles(found):
     return {part.name: part.role for part in found.parts}
+
+
+def by_name(found):
+    """The windows and options of the same files where their roles are given."""
+    roles = "identification", "OCV test", "validation"
+    records, ocv, validate = ([part.path for part in found.of_role(role)] for role in roles)
+    named = plan_of(barnax.Job(records, ocv=list(dict.fromkeys(ocv)), validate=validate))
+    return windows(named), named.options
+
+
+def windows(found):
+    return {part.name: part.window for part in found.parts if part.is_simulated}
 
 
 def reason(found, name):
@@ -256,7 +271,9 @@ def test_a_record_that_takes_more_out_of_the_full_cell_than_the_ocv_test_tells_i
     change(folder, "ac", pl.col(CURRENT) * 1.08)
     taken_ah = 1.08 * barnax.read_record(BUNDLED.record).discharged_ah.max()
     assert taken_ah > 2.0
-    assert plan(folder).options["capacity"] == pytest.approx(taken_ah, abs=5e-4)
+    found = plan(folder)
+    assert found.options["capacity"] == pytest.approx(taken_ah, abs=5e-4)
+    assert by_name(found) == (windows(found), found.options)
 
 
 def test_a_record_that_goes_on_where_another_ends_starts_from_there(folder):
@@ -278,14 +295,35 @@ def test_a_record_that_goes_on_where_another_ends_starts_from_there(folder):
     whole = barnax.read_record(bundled_file("identification"))
     expected = 1 - whole.discharged_ah[half] / 2.0
     assert second.window.initial_soc == pytest.approx(expected, abs=0.005)
+    assert by_name(found) == (windows(found), found.options)
 
 
 def test_a_record_that_takes_a_little_more_than_its_test_has_a_capacity_of_its_own(folder):
     change(folder, "bd", pl.col(CURRENT) * 0.85)
-    part = next(part for part in plan(folder).parts if part.name == "c.parquet")
+    found = plan(folder)
+    assert by_name(found) == (windows(found), found.options)
+    part = next(part for part in found.parts if part.name == "c.parquet")
     assert part.role == "identification"
     moved_ah = barnax.read_record(folder / "c.parquet").discharged_ah.max()
     assert part.window.capacity_ah == pytest.approx(moved_ah, rel=1e-3)
+
+
+def test_a_profile_has_one_window_by_folder_by_name_and_beside_a_known_cell(tmp_path, real_data):
+    (path,) = real_data.glob("calce*/us06_25degC_80soc*.parquet")
+    (test,) = real_data.glob("calce*/ocv-incremental_25degC*.parquet")
+    for each in (path, test):
+        shutil.copy(each, tmp_path)
+    found = plan(tmp_path)
+    own = barnax.Window(start_after_step=3, initial_soc=1.0, score_steps=(7, 8))
+    assert windows(found) == {path.name: own}
+    assert by_name(found) == ({path.name: own}, found.options)
+    source = read_source(path)
+    cell = barnax.characterize([barnax.read_record(test)])
+    assert planned_window(source, cell, Reading(), barnax.Window()) == own
+    job = barnax.Job(
+        source, ocv=barnax.read_record(test), window=barnax.Window(score_soc=(0.1, 1.0))
+    )
+    assert windows(plan_of(job)) == {path.name: replace(own, score_soc=(0.1, 1.0))}
 
 
 def test_records_of_another_cell_than_the_ocv_test_s_say_so(folder):

@@ -141,9 +141,7 @@ def _print_plan(options: Identification, records: list[Path]) -> None:
     session = Session(is_quiet=options.output.quiet)
     with session.watch("Loading"):
         job = barnax.Job(records, **options_of_job(options.job), watch=session.watch)
-    plan = barnax.plan.with_choices(
-        barnax.plan.plan_of(job) or barnax.plan.plan_given(job, "identify"), job
-    )
+    plan = barnax.plan.with_choices(barnax.plan.plan_of(job) or barnax.plan.plan_given(job), job)
     typer.echo(barnax.plan_to_toml(plan), nl=False)
 
 
@@ -173,7 +171,7 @@ def _run(
     plan = barnax.plan.with_choices(chosen or barnax.plan.plan_given(job, command), job)
     if promise is not None:
         plan = _sampled_by(promise, plan)
-    if chosen and not plan.missing:
+    if plan.stored and not plan.missing:
         run.show_document(reporting.result_tables.plan_screen(plan))
     job = barnax.Job(plan, watch=run.watch) if records else job
     is_pulsed = command == "hppc" and not records

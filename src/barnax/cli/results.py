@@ -64,10 +64,12 @@ class OnRecord:
         if unknown:
             raise InputError(f"an option is given for {unknown[0]!r}; the record is {name}")
         given = Window(**{**chosen.get("", {}), **chosen.get(name, {})})
-        source = source_of(self.record, {}, Reading(**self.read))
+        reading = Reading(**self.read)
+        source = source_of(self.record, {}, reading)
         if self.whole_record:
             return source, given
-        return source, merged(window_of(stored, source), given) if chosen else None
+        own = window_of(stored, source, source, reading) if chosen else None
+        return source, own and merged(own, given)
 
 
 @group

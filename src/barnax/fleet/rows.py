@@ -258,7 +258,7 @@ def _cell_of_tests(
         if isinstance(tests[-1], OcvTable):
             continue
         found = check_file(source, capacity_ah=capacity_ah)
-        warnings += input_warnings(found, "OCV test", None)
+        warnings += input_warnings(found, "OCV test")
         if found.traits is not None:
             temperatures_degc.append((found.file, found.traits.temperature_degc))
     model = characterize(

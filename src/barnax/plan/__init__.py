@@ -9,4 +9,5 @@ from .running import found_anywhere as found_anywhere
 from .running import plan_given as plan_given
 from .running import plan_of as plan_of
 from .running import planned as planned
+from .running import planned_window as planned_window
 from .running import with_choices as with_choices

@@ -2,9 +2,11 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from ..cell import CellModel
 from ..errors import InputError, counted, printable
 from ..execution import Watch, unwatched
 from ..inputs import listed, windows_by_name
@@ -26,7 +28,7 @@ from .draft import (
     words_of,
 )
 from .looking import CandidateFile, Files, by_temperature, is_same_degc, look, split
-from .ocv import DIGITS, SHOWN, OcvChoice, ocv_at, ocv_reason, record_capacity_ah, started
+from .ocv import DIGITS, SHOWN, OcvChoice, Started, ocv_at, ocv_reason, record_capacity_ah, started
 
 # What is identified on, the kinds that show the most of a load first.
 _LOADS = ("drive cycle", "pulse test", "OCV test")
@@ -87,7 +89,8 @@ def plan(
     if not free and (twice := [file for file in given if _places([file]) & _places(others)]):
         raise Notice("role.given-twice", {"same": "name"}, Path(twice[0]).name).error()
     windows = windows_by_name(window)
-    looked = list(look([*free, *tests, *others], reading or Reading(), watch, windows))
+    roles = {"identification": free, "OCV test": tests, "validation": others}
+    looked = list(look(roles, reading or Reading(), watch, windows))
     first, last = len(free), len(free) + len(tests)
     if all(file.refusal for file in looked):
         raise InputError("\n".join(file.refusal for file in looked))
@@ -120,6 +123,7 @@ def _decide(draft: Draft, tests: Files, others: Files) -> Plan:
     if others and doubled:
         raise copies[doubled[-1]].error()
     for file in others:
+        start_given(draft, file, tests)
         draft.take(file, "validation", "given")
     for file in tests:
         draft.take(file, "OCV test", "given")
@@ -171,7 +175,7 @@ def _decide(draft: Draft, tests: Files, others: Files) -> Plan:
         if choice.cell.has_flat_ocv:
             _take_charges(draft, record, choice)
     _leave_others(draft, choice, chosen)
-    options, reasons = ({}, {}) if is_own else _options(draft, runs, choice)
+    options, reasons = ({}, {}) if is_own else options_of(draft, runs, choice)
     return Plan("hppc" if is_pulsed else "identify", draft.parts(), options, reasons)
 
 
@@ -247,6 +251,9 @@ def _runnable(draft: Draft, group: Files, choice: OcvChoice, is_pulsed: bool) ->
     for file in group:
         if file in draft.taken or (not is_pulsed and file in choice.tests):
             continue
+        if is_pulsed:
+            # It starts before its first pulse.
+            draft.starts[file] = Started(file.chosen)
         missing = file.missing_for(choice.cell.capacity_ah, is_validated=True)
         if not missing and not is_pulsed and (missing := _no_start(draft, file, choice)):
             missing = another_cell(file, choice.cell.capacity_ah) or missing
@@ -274,6 +281,19 @@ def _runnable(draft: Draft, group: Files, choice: OcvChoice, is_pulsed: bool) ->
         )
 
     return sorted(runs, key=rank)
+
+
+def start_given(
+    draft: Draft, file: CandidateFile, tests: Files, cell: CellModel | None = None
+) -> OcvChoice | None:
+    """Look for the start of a record whose role is given, on the cell or the OCV test of its
+    temperature, which is returned; what cannot be is refused where it is run."""
+    choice = cell and OcvChoice((), cell.at(file.temperature_degc))
+    with suppress(InputError):
+        choice = choice or ocv_at(file.temperature_degc, draft.files, tests, draft.given_ah)
+    if choice is not None:
+        _no_start(draft, file, choice)
+    return choice
 
 
 def _no_start(draft: Draft, file: CandidateFile, choice: OcvChoice) -> str:
@@ -360,7 +380,9 @@ def _leave_others(draft: Draft, choice: OcvChoice, chosen: Chosen) -> None:
         draft.take(file, "not used", reason)
 
 
-def _options(draft: Draft, runs: Files, choice: OcvChoice) -> tuple[dict[str, Any], dict[str, str]]:
+def options_of(
+    draft: Draft, runs: Files, choice: OcvChoice
+) -> tuple[dict[str, Any], dict[str, str]]:
     """Arguments of `identify` that the files decide, and why."""
     record, own_ah = runs[0], None
     for file in runs if draft.given_ah is None else ():

@@ -17,7 +17,7 @@ from ..inputs import file_names, window_of, windows_by_name
 from ..job import OPTIONS, PLANNED, Job
 from ..model.window import START, Windows, merged
 from ..notices import Notice
-from ..records import Hold, Source
+from ..records import Given, Hold
 from ..records.source import find_planned
 from ..result_parts import PlannedFile, Use
 from ..settings import WINDOW_OPTIONS, Window, choices_in
@@ -53,7 +53,7 @@ class Part:
     span_s: tuple[float, float] | None = None
     temperature_degc: float | None = None
     plans_soc: bool = False
-    source: Source | None = field(default=None, repr=False, compare=False)
+    source: Given = field(default=None, repr=False, compare=False)
     sha256: str = ""
     sampling: Hold | None = None
 

@@ -89,7 +89,7 @@ class Draft:
                 span_s=None if file.source is None else file.source.span_s,
                 temperature_degc=file.temperature_degc,
                 plans_soc=window.initial_soc is not None and file.chosen.initial_soc is None,
-                source=None if role == "not used" else file.source,
+                source=None if role == "not used" else file.known or file.source,
                 sha256=file.source.sha256 if file.source else "",
             )
             parts.append(part)

@@ -15,11 +15,12 @@ from jaxtyping import Float
 from ..cell import OcvTable, read_ocv_table
 from ..cell.model import REFERENCE_DEGC, SAME_DEGC, group_near
 from ..checks import Role, check_file
+from ..checks.roles import SuggestedWindow
 from ..checks.traits import NO_TRAITS, Kind, Traits
 from ..errors import InputError
 from ..execution import Watch
-from ..inputs import file_names, source_of, window_of
-from ..model.window import START, Window
+from ..inputs import file_names, how_read, name_of, named_source, window_of
+from ..model.window import START, Window, temperature_of
 from ..records import Record, Source, read_record
 from ..records.record import TAPERED
 from ..settings import Reading
@@ -45,7 +46,8 @@ class CandidateFile:
 
     `refusal` says why it cannot be read, empty where it can. `traits` are those of a record, and
     `warnings` the number of those about it. `starts_full` says that the file shows a charge to full
-    right before this part of it, `chosen` what its user says of it.
+    right before this part of it, `chosen` what its user says of it, and `how` how it is read. What
+    is given as a record or table is `known`, and not looked at.
     """
 
     path: Path
@@ -57,6 +59,8 @@ class CandidateFile:
     warnings: int = 0
     starts_full: bool = False
     chosen: Window = field(default_factory=Window)
+    how: Mapping[str, Any] = field(default_factory=dict)
+    known: Record | OcvTable | None = None
 
     @property
     def is_record(self) -> bool:
@@ -75,7 +79,7 @@ class CandidateFile:
     def kind(self, capacity_ah: float | None) -> Kind | str:
         """The kind of file, for a cell of that capacity."""
         if self.is_record:
-            return self.traits.kind(capacity_ah)
+            return "" if self.known else self.traits.kind(capacity_ah)
         return "unreadable" if self.refusal else "OCV table"
 
     def missing_for(self, capacity_ah: float | None, is_validated: bool = False) -> str:
@@ -84,11 +88,13 @@ class CandidateFile:
 
     @cached_property
     def record(self) -> Record:
-        return read_record(self.known_source)
+        known = self.known if isinstance(self.known, Record) else None
+        return known or read_record(self.known_source, **self.how)
 
     @cached_property
     def table(self) -> OcvTable:
-        return read_ocv_table(self.known_source)
+        known = self.known if isinstance(self.known, OcvTable) else None
+        return known or read_ocv_table(self.known_source)
 
     @property
     def known_source(self) -> Source:
@@ -96,9 +102,14 @@ class CandidateFile:
         return self.source
 
     @property
+    def suggested(self) -> SuggestedWindow | None:
+        """The window that the checks suggest."""
+        return self.roles["validation"].window if "validation" in self.roles else None
+
+    @property
     def window(self) -> Window:
         """The window that the checks suggest, with what was chosen in its place."""
-        suggested = self.roles["validation"].window if self.is_record else None
+        suggested = self.suggested
         window = suggested.window if suggested else Window()
         if self.chosen.initial_soc is not None:
             # It is that of the first row, or of the start that is chosen with it.
@@ -110,8 +121,7 @@ class CandidateFile:
     @property
     def is_settled(self) -> bool:
         """True if its profile begins with the cell at rest."""
-        role = self.roles.get("validation")
-        return bool(role and role.window and role.window.is_settled)
+        return bool(self.suggested and self.suggested.is_settled)
 
     @cached_property
     def _quantiles_a(self) -> Float[np.ndarray, "quantiles"]:
@@ -132,19 +142,32 @@ Files = Sequence[CandidateFile]
 
 
 def look(
-    sources: Sequence[Any], reading: Reading, watch: Watch, windows: Mapping[str, Window]
+    given: Mapping[Any, Sequence[Any]],
+    reading: Reading,
+    watch: Watch,
+    windows: Mapping[str, Window],
 ) -> Iterator[CandidateFile]:
-    """Every file once, in the order given, with what `windows` say of it. One that cannot be read
-    is told as such."""
-    names = file_names(sources)
-    for given in sources:
-        name = given.name if isinstance(given, Source) else names[Path(given)]
-        file = CandidateFile(Path(name if isinstance(given, Source) else given), name)
+    """Every file once, in the order given, by the role that it is read for, with what `windows` say
+    of it. One that cannot be read is told as such."""
+    every = [(item, role) for role, several in given.items() for item in several]
+    names, called = file_names([item for item, _ in every]), dict[str, int]()
+    for item, role in every:
+        is_path = isinstance(item, str | Path)
+        name = names[Path(item)] if is_path else name_of(item)
+        file = CandidateFile(Path(item if is_path else name), name)
         with watch(f"Looking at {name}", 0):
             try:
-                source = source_of(given, names, reading)
-                chosen = window_of(windows, name)
-                file = _checked(replace(file, name=source.name, source=source, chosen=chosen))
+                source = named_source(item, role, names, called, reading)
+                chosen = window_of(windows, source.name)
+                how = how_read(reading, source.name, role)
+                file = replace(file, name=source.name, chosen=chosen, how=how)
+                if isinstance(source, Source):
+                    file = _checked(replace(file, source=source))
+                else:
+                    is_record = isinstance(source, Record)
+                    degc = temperature_of(source, chosen) if is_record else None
+                    traits = Traits(temperature_degc=degc) if is_record else NO_TRAITS
+                    file = replace(file, known=source, traits=traits)
             except InputError as problem:
                 file = replace(file, refusal=str(problem))
         yield file
@@ -153,7 +176,7 @@ def look(
 def _checked(file: CandidateFile) -> CandidateFile:
     """A file that was read, with what the checks tell of it. Raises `InputError` where they cannot
     look at it."""
-    check = check_file(file.known_source, rest_current_a=file.chosen.rest_current_a)
+    check = check_file(file.known_source, rest_current_a=file.chosen.rest_current_a, **file.how)
     roles = {role.name: role for role in check.roles}
     if check.traits is None and roles:
         return replace(file, roles=roles)
@@ -220,7 +243,7 @@ def _part(file: CandidateFile, first: int, last: int, is_full: bool = False) -> 
     time_s = file.record.time_s
     source = replace(file.known_source, span_s=(float(time_s[first]), float(time_s[last])))
     part = CandidateFile(file.path, file.name, source, starts_full=is_full, chosen=file.chosen)
-    return _checked(part)
+    return _checked(replace(part, how=file.how))
 
 
 def _between_charges(record: Record) -> Iterator[tuple[int, int, bool]]:

@@ -15,6 +15,7 @@ from ..bundled import BUNDLED
 from ..cell import CellModel, characterize_over_temperature
 from ..cell.model import REFERENCE_DEGC, group_near
 from ..errors import InputError
+from ..execution import unwatched
 from ..inputs import (
     file_names,
     how_read,
@@ -33,38 +34,41 @@ from ..records.logger import Decision, Logger, SlowRows
 from ..records.source import STDIN
 from ..result_parts import InputPart
 from ..settings import OVER_TEMPERATURE, Reading
-from .choosing import plan
-from .document import Part, Plan, Use, plan_from_toml
+from .choosing import options_of, plan, start_given
+from .document import SIMULATED, Part, Plan, Use, plan_from_toml
+from .draft import Draft
+from .looking import look
+from .ocv import OcvChoice, Started
 
 Asked = TypeVar("Asked", bound=Job)
 
 
 def plan_of(job: Job) -> Plan | None:
-    """The plan of what `identify` was asked for, None where the files' roles are all given.
+    """The plan of what `identify` was asked for, None for the bundled cell.
 
-    There is one for a folder, a plan or its TOML file, and for files without an OCV test of a cell
-    that is not known.
+    Roles are chosen in a folder, and of files without an OCV test of a cell that is not known; else
+    they are given.
     """
     given = listed(job.records)
-    if job.cell is not None:
+    if not given:
         return None
     if len(given) == 1 and isinstance(given[0], Plan):
         return given[0]
     paths = [Path(source) for source in given if isinstance(source, str | Path)]
     if len(given) == len(paths) == 1 and paths[0].suffix.lower() == ".toml":
         return plan_from_toml(paths[0])
-    are_told = not any(map(os.path.isdir, paths)) and (not paths or listed(job.ocv))
-    if are_told or len(paths) < len(given):
-        return None
+    are_told = not any(map(os.path.isdir, paths)) and listed(job.ocv)
+    if are_told or job.cell is not None or len(paths) < len(given):
+        return plan_given(job)
     return plan(
         given, ocv=job.ocv, validate=job.validate, over=job.over, window=job.window,
         capacity=job.capacity, reading=job.part(Reading), watch=job.watch,
     )  # fmt: skip
 
 
-def plan_given(job: Job, command: Literal["identify", "hppc"]) -> Plan:
-    """The files of a job whose roles are given already, as a plan; without any those of the
-    bundled cell."""
+def plan_given(job: Job, command: Literal["identify", "hppc"] = "identify") -> Plan:
+    """The plan of files whose roles are given, with the windows and the capacity that they have in
+    a folder too, and why; without any the bundled cell's."""
     files: dict[Use, Any] = {"identification": job.records, "OCV test": job.ocv}
     files["validation"] = job.validate
     if not listed(job.records):
@@ -72,9 +76,35 @@ def plan_given(job: Job, command: Literal["identify", "hppc"]) -> Plan:
         files["identification"] = BUNDLED.hppc[1] if is_hppc else BUNDLED.record
         files["OCV test"] = job.ocv if is_hppc else [*BUNDLED.ocv]
         files["validation"] = listed(job.validate) or BUNDLED.validation
-    given = [(Path(path), role) for role, several in files.items() for path in listed(several)]
-    names = file_names([path for path, _ in given])
-    return Plan(command, tuple(Part(path, names[path], role) for path, role in given))
+    given = {role: listed(several) for role, several in files.items()}
+    windows = windows_by_name(job.window)
+    looked = list(look(given, job.part(Reading), job.watch, windows))
+    of_role = dict(zip(looked, (role for role, own in given.items() for _ in own), strict=True))
+    tests = [file for file, role in of_role.items() if role == "OCV test"]
+    given_ah = windows.get("", Window()).capacity_ah if job.capacity is None else job.capacity
+    draft, choices = Draft(looked, given_ah=given_ah), list[OcvChoice]()
+    for file, role in of_role.items():
+        if command == "hppc" and role == "identification":
+            draft.starts[file] = Started(file.chosen)
+        elif role in SIMULATED:
+            choice = start_given(draft, file, tests, job.cell)
+            choices += [choice] if choice else []
+        suggested = None if draft.window(file) == file.chosen else file.suggested
+        draft.take(file, role, suggested.reason if suggested else "")
+    records = looked[: len(given["identification"])]
+    is_open = choices and job.ocv_capacity is None
+    options, reasons = options_of(draft, records, choices[0]) if is_open else ({}, {})
+    return Plan(command, draft.parts(), options, reasons)
+
+
+def planned_window(
+    record: Source | Record, cell: CellModel, reading: Reading, known: Window
+) -> Window:
+    """The window of a record to validate on a known cell, with what is known of it."""
+    (file,) = look({"validation": [record]}, reading, unwatched, {"": known})
+    draft = Draft([file])
+    start_given(draft, file, (), cell)
+    return draft.window(file)
 
 
 def with_choices(found: Plan, job: Job) -> Plan:

@@ -244,11 +244,7 @@ def hppc(job: Job) -> Result:
 
     Raises `InputError` if a record has no pulses, and where `identify` does.
     """
-    if not listed(job.records):
-        job = job.changed(
-            records=BUNDLED.hppc[1], validate=listed(job.validate) or BUNDLED.validation
-        )
-    return identify(job.changed(records=plan_given(job, "hppc")))
+    return _identified(planned(plan_given(job, "hppc"), job))
 
 
 def identify_problem(

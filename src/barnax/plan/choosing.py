@@ -291,7 +291,7 @@ def start_given(
     choice = cell and OcvChoice((), cell.at(file.temperature_degc))
     with suppress(InputError):
         choice = choice or ocv_at(file.temperature_degc, draft.files, tests, draft.given_ah)
-    if choice is not None:
+    if choice is not None and not file.refusal:
         _no_start(draft, file, choice)
     return choice
 

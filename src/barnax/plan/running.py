@@ -80,7 +80,7 @@ def plan_given(job: Job, command: Literal["identify", "hppc"] = "identify") -> P
     windows = windows_by_name(job.window)
     looked = list(look(given, job.part(Reading), job.watch, windows))
     of_role = dict(zip(looked, (role for role, own in given.items() for _ in own), strict=True))
-    tests = [file for file, role in of_role.items() if role == "OCV test"]
+    tests = [file for file, role in of_role.items() if role == "OCV test" and not file.refusal]
     given_ah = windows.get("", Window()).capacity_ah if job.capacity is None else job.capacity
     draft, choices = Draft(looked, given_ah=given_ah), list[OcvChoice]()
     for file, role in of_role.items():

@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from .bundled import BUNDLED
 from .cell import CellModel, get_circuit
 from .cell.parameters import RATE
 from .checks.against_cell import compare_resistances
@@ -19,7 +18,7 @@ from .checks.traits import MAX_HALF_WIDTH
 from .execution import unwatched
 from .global_optimum.search import with_better_directions, without_sweep_drop
 from .identification import search_and_assess
-from .inputs import Inputs, listed, read_inputs, telling, windows_by_name, windows_of
+from .inputs import Inputs, read_inputs, telling, windows_by_name, windows_of
 from .job import Job, takes_options
 from .model.prepared import PreparedRecord
 from .model.problem import Problem

@@ -89,8 +89,8 @@ def plan_given(job: Job, command: Literal["identify", "hppc"] = "identify") -> P
         elif role in SIMULATED:
             choice = start_given(draft, file, tests, job.cell)
             choices += [choice] if choice else []
-        suggested = None if draft.window(file) == file.chosen else file.suggested
-        draft.take(file, role, suggested.reason if suggested else "")
+        is_planned = role in SIMULATED and draft.window(file) != file.chosen
+        draft.take(file, role, file.suggested.reason if is_planned and file.suggested else "")
     records = looked[: len(given["identification"])]
     is_open = choices and job.ocv_capacity is None
     options, reasons = options_of(draft, records, choices[0]) if is_open else ({}, {})

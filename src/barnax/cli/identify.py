@@ -171,13 +171,17 @@ def _run(
     plan = barnax.plan.with_choices(chosen or barnax.plan.plan_given(job, command), job)
     if promise is not None:
         plan = _sampled_by(promise, plan)
-    if plan.stored and not plan.missing:
+    # Where roles were chosen, why is told while it runs.
+    are_chosen = all(part.reason for part in plan.parts) and not plan.missing
+    if are_chosen:
         run.show_document(reporting.result_tables.plan_screen(plan))
     job = barnax.Job(plan, watch=run.watch) if records else job
     is_pulsed = command == "hppc" and not records
     result = barnax.hppc(job) if is_pulsed else barnax.identify(job)
     unseen = None
     try:
+        if plan.stored and not are_chosen:
+            run.show_document(reporting.result_tables.plan_screen(plan))
         # Read while the figures are drawn.
         if options.output.verbose:
             run.show_document(reporting.identification.identification_document(result))

@@ -2,11 +2,9 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from ..cell import CellModel
 from ..errors import InputError, counted, printable
 from ..execution import Watch, unwatched
 from ..inputs import listed, windows_by_name
@@ -28,7 +26,7 @@ from .draft import (
     words_of,
 )
 from .looking import CandidateFile, Files, by_temperature, is_same_degc, look, split
-from .ocv import DIGITS, SHOWN, OcvChoice, Started, ocv_at, ocv_reason, record_capacity_ah, started
+from .ocv import DIGITS, SHOWN, OcvChoice, Started, ocv_at, ocv_reason, record_capacity_ah
 
 # What is identified on, the kinds that show the most of a load first.
 _LOADS = ("drive cycle", "pulse test", "OCV test")
@@ -123,7 +121,7 @@ def _decide(draft: Draft, tests: Files, others: Files) -> Plan:
     if others and doubled:
         raise copies[doubled[-1]].error()
     for file in others:
-        start_given(draft, file, tests)
+        draft.start_given(file, tests)
         draft.take(file, "validation", "given")
     for file in tests:
         draft.take(file, "OCV test", "given")
@@ -255,7 +253,7 @@ def _runnable(draft: Draft, group: Files, choice: OcvChoice, is_pulsed: bool) ->
             # It starts before its first pulse.
             draft.starts[file] = Started(file.chosen)
         missing = file.missing_for(choice.cell.capacity_ah, is_validated=True)
-        if not missing and not is_pulsed and (missing := _no_start(draft, file, choice)):
+        if not missing and not is_pulsed and (missing := draft.no_start(file, choice)):
             missing = another_cell(file, choice.cell.capacity_ah) or missing
         if missing:
             draft.take(file, "not used", missing)
@@ -281,28 +279,6 @@ def _runnable(draft: Draft, group: Files, choice: OcvChoice, is_pulsed: bool) ->
         )
 
     return sorted(runs, key=rank)
-
-
-def start_given(
-    draft: Draft, file: CandidateFile, tests: Files, cell: CellModel | None = None
-) -> OcvChoice | None:
-    """Look for the start of a record whose role is given, on the cell or the OCV test of its
-    temperature, which is returned; what cannot be is refused where it is run."""
-    choice = cell and OcvChoice((), cell.at(file.temperature_degc))
-    with suppress(InputError):
-        choice = choice or ocv_at(file.temperature_degc, draft.files, tests, draft.given_ah)
-    if choice is not None and not file.refusal:
-        _no_start(draft, file, choice)
-    return choice
-
-
-def _no_start(draft: Draft, file: CandidateFile, choice: OcvChoice) -> str:
-    """The reason why a record has no start on the OCV; empty where it has one, for the draft."""
-    start = started(draft.files, file, choice)
-    if isinstance(start, InputError):
-        return str(start).removeprefix(f"{file.name}: ")
-    draft.starts[file] = start
-    return ""
 
 
 def _holds_drive(files: Files) -> bool:
@@ -339,7 +315,7 @@ def _take_charges(draft: Draft, record: CandidateFile, choice: OcvChoice) -> Non
         span_ah, degc = file.traits.span_ah, file.temperature_degc
         is_charge = file.kind(cell.capacity_ah) == "charge" and span_ah >= _MUCH * cell.capacity_ah
         is_there = is_same_degc(degc, record.temperature_degc)
-        if is_charge and is_there and not _no_start(draft, file, choice):
+        if is_charge and is_there and not draft.no_start(file, choice):
             of = f"a charge of {span_ah:.3g} Ah, for the other direction"
             draft.take(file, "identification", of + draft.starts[file].words)
 

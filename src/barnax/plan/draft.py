@@ -3,17 +3,20 @@ are copies, or of other cells, by folders and by what tests hold."""
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import pairwise, permutations
 from pathlib import Path
 
+from ..cell import CellModel
 from ..checks.traits import LEAST_SHARE
+from ..errors import InputError
 from ..model.window import Window
 from ..notices import Notice
 from ..records.fingerprint import Content
 from .document import ROLES, SIMULATED, Part, Use
 from .looking import CandidateFile, Files, is_same_degc
-from .ocv import SHOWN, OcvChoice, Started, ocv_reason
+from .ocv import SHOWN, OcvChoice, Started, ocv_at, ocv_reason, started
 
 # What moves so many times the charge of a cell is of another.
 _BEYOND = 1.2
@@ -60,6 +63,26 @@ class Draft:
         self.tests |= dict.fromkeys(choice.tests)
         for test in choice.tests:
             self.take(test, "OCV test", ocv_reason([test]))
+
+    def start_given(
+        self, file: CandidateFile, tests: Files, cell: CellModel | None = None
+    ) -> OcvChoice | None:
+        """Look for the start of a record whose role is given, on the cell or the OCV test of its
+        temperature, which is returned; what cannot be is refused where it is run."""
+        choice = cell and OcvChoice((), cell.at(file.temperature_degc))
+        with suppress(InputError):
+            choice = choice or ocv_at(file.temperature_degc, self.files, tests, self.given_ah)
+        if choice is not None and not file.refusal:
+            self.no_start(file, choice)
+        return choice
+
+    def no_start(self, file: CandidateFile, choice: OcvChoice) -> str:
+        """The reason why a record has no start on the OCV; empty where it has one, now known."""
+        start = started(self.files, file, choice)
+        if isinstance(start, InputError):
+            return str(start).removeprefix(f"{file.name}: ")
+        self.starts[file] = start
+        return ""
 
     def tell_temperatures(self) -> None:
         """Put the temperature that a name tells into the windows of records without a column."""

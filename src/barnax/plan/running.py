@@ -34,7 +34,7 @@ from ..records.logger import Decision, Logger, SlowRows
 from ..records.source import STDIN
 from ..result_parts import InputPart
 from ..settings import OVER_TEMPERATURE, Reading
-from .choosing import options_of, plan, start_given
+from .choosing import options_of, plan
 from .document import SIMULATED, Part, Plan, Use, plan_from_toml
 from .draft import Draft
 from .looking import look
@@ -87,7 +87,7 @@ def plan_given(job: Job, command: Literal["identify", "hppc"] = "identify") -> P
         if command == "hppc" and role == "identification":
             draft.starts[file] = Started(file.chosen)
         elif role in SIMULATED:
-            choice = start_given(draft, file, tests, job.cell)
+            choice = draft.start_given(file, tests, job.cell)
             choices += [choice] if choice else []
         is_planned = role in SIMULATED and draft.window(file) != file.chosen
         draft.take(file, role, file.suggested.reason if is_planned and file.suggested else "")
@@ -103,7 +103,7 @@ def planned_window(
     """The window of a record to validate on a known cell, with what is known of it."""
     (file,) = look({"validation": [record]}, reading, unwatched, {"": known})
     draft = Draft([file])
-    start_given(draft, file, (), cell)
+    draft.start_given(file, (), cell)
     return draft.window(file)
 
 

@@ -211,6 +211,7 @@ def read_validation(
     if isinstance(given, Record):
         return given, []
     source = source_of(given, {}, reading)
+    require_records(lags_of(reading), {source.name})
     record = read_record(source, **how_read(reading, source.name, "validation"))
     require_voltages([record])
     looked_at = [("validation", source, record)]

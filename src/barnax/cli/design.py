@@ -47,8 +47,6 @@ class Test:
             wants what an HPPC would tell.
         max_hours (HOURS): The longest that it may take (default: 3, and no test of what the result
             tells already).
-        blocks (NAME,NAME): Only pieces whose names begin so, such as long,short,binary.
-        key (N): Random key of the random pieces.
 
     Limits:
         low_voltage (V): Lowest voltage (default: the chemistry's).
@@ -62,8 +60,6 @@ class Test:
 
     want: list[str] | None = None
     max_hours: float | None = None
-    blocks: str | None = None
-    key: int = 0
     low_voltage: float | None = None
     high_voltage: float | None = None
     max_discharge: str | None = None
@@ -83,7 +79,6 @@ def design(cell: Cell, test: Test, output: Output) -> None:
     run.load_jax()
     from ..experiment.belief import believed_of
 
-    blocks = None if test.blocks is None else _blocks(test.blocks, test.key)
     with run.watch("Looking at the records"):
         stored = (
             None if cell.result is None else barnax.Result.load(cell.result, data=cell.data or ())
@@ -92,8 +87,7 @@ def design(cell: Cell, test: Test, output: Output) -> None:
         believed = believed_of(stored, cell.capacity, cell.chemistry, test.temperature)
     rates = {name: _rate(name, vars(test)[name]) for name in ("max_discharge", "max_charge")}
     with run.watch("Designing"):
-        asked: dict[str, Any] = {**vars(test), **rates}
-        asked |= {"want": _wanted(test.want), "blocks": blocks}
+        asked: dict[str, Any] = {**vars(test), **rates, "want": _wanted(test.want)}
         test_design = barnax.design(believed, **asked)
     chosen = [name for name, rate in rates.items() if rate is not None]
     run.show_document(reporting.design.planned_screen(believed, chosen))
@@ -114,21 +108,6 @@ def design(cell: Cell, test: Test, output: Output) -> None:
         names = ["steps.csv", "profile.csv", "experiment_pybamm.py", "procedure.txt", "figures"]
         run.show_written(names)
         run.show(reporting.terminal.next_lines(*_next(test_design, earlier, run.folder)))
-
-
-def _blocks(text: str, key: int) -> "list[barnax.Block]":
-    """The usual pieces whose names begin as one of several texts."""
-    import jax
-
-    from ..experiment.protocol import drive_levels
-
-    usual = barnax.candidate_blocks(jax.random.key(key), drive_levels())
-    beginnings = tuple(name.strip() for name in text.split(","))
-    for beginning in beginnings:
-        if not beginning or not any(block.name.startswith(beginning) for block in usual):
-            names = "; ".join(block.name for block in usual)
-            raise InputError(f"`blocks` {beginning!r}: no piece is called so; there are {names}")
-    return [block for block in usual if block.name.startswith(beginnings)]
 
 
 def _earlier(result: Path | None) -> "barnax.Plan":

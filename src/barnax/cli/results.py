@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import typer
 
@@ -40,15 +40,6 @@ class OnRecord:
     of_records: Given = options_of(*OF_RECORDS)
     read: Given = options_of(*HOW_READ)
     whole_record: bool = False
-
-    @property
-    def how(self) -> dict[str, Any]:
-        """The chosen ways to read the record."""
-        from ..inputs import lags_of, require_records
-
-        lags = lags_of(Reading(**self.read))
-        require_records(lags, {self.record.name})
-        return {**self.read, "voltage_lag": lags.get(self.record.name, lags.get(""))}
 
     def meeting(self, stored: "barnax.Result") -> "tuple[Source, Window | None]":
         """The record's file, and its window where options change that.
@@ -93,8 +84,9 @@ class Shown:
 def show(of: Shown) -> None:
     """Print a result, or several side by side with what differs.
 
-    Of one result it is the first screen, as identify printed it. Two cells, two ages or two temperatures: the parameters with their
-    intervals, and which differ beyond them.
+    Of one result it is the first screen, as identify printed it. Of two cells, two
+    ages or two temperatures: the parameters with their intervals, and which differ
+    beyond them.
     """
     if len(of.results) > 1:
         document = barnax.show(*of.results, names=_names(of.results)).document
@@ -149,7 +141,7 @@ def validate(on: OnRecord, output: Errors) -> None:
     stored = barnax.Result.load(on.result)
     record, window = on.meeting(stored)
     with session.watch("Simulating"):
-        evaluation = stored.validate(record, window, **on.how)
+        evaluation = stored.validate(record, window, **on.read)
     metrics = MetricsPart.of(evaluation)
     if output.as_json:
         typer.echo(metrics.model_dump_json(by_alias=True, indent=1))
@@ -210,7 +202,7 @@ def soc(on: OnRecord, chosen: FilterOptions, output: Output) -> None:
     names = tuple(name.strip() for name in chosen.estimate.split(",") if name.strip())
     settings = barnax.FilterSettings(chosen.filter, names, tables=chosen.tables)
     with run.watch("Replaying"):
-        replay = barnax.replay_soc(stored, record, window, settings, **on.how)
+        replay = barnax.replay_soc(stored, record, window, settings, **on.read)
     document_of = partial(reporting.records.replay_document, replay)
 
     def drawn() -> "list[reporting.document.Picture]":

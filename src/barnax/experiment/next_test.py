@@ -130,7 +130,7 @@ def design(
         raise InputError(f"`max_hours` {max_hours:g} must be above 0, and {MOST_HOURS:g} at most")
     if (want is not None and not want) or (blocks is not None and not blocks) or starts < 1:
         raise InputError(
-            "a test needs something to `want`, some `blocks`, and one start of its search"
+            "a test needs something to `want`, some blocks, and one start of its search"
         )
     believed = believed_of(result, capacity, chemistry, temperature)
     window_v = window_of(believed.cell, believed.typical)

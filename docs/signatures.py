@@ -32,6 +32,8 @@ class _Readable(ast.NodeTransformer):
 
     def visit_Name(self, node: ast.Name) -> ast.AST:
         known = self.names.get(node.id)
+        if known is Any:
+            return ast.Name("object")
         if get_origin(known) is Literal:
             return ast.Name(" | ".join(map(repr, get_args(known))))
         if get_origin(known) is Annotated:
@@ -48,6 +50,8 @@ class _Readable(ast.NodeTransformer):
             return ast.Name(" | ".join(map(ast.unparse, choices)))
         if name == "Annotated":
             return self.visit(node.slice.elts[0])
+        if get_origin(self.names.get(name)) is Annotated:
+            return self.visit(node.slice)
         # An array's axes are text, and no reference.
         if "jaxtyping" in getattr(self.names.get(name), "__module__", ""):
             axes = node.slice.elts[1].value.replace(" ", ", ")

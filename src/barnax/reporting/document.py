@@ -58,6 +58,12 @@ class Column:
         return f"{self.name} [{self.unit}]" if self.unit else self.name
 
 
+def column(head: str, role: Role) -> Column:
+    """The column of a head such as "R0 [mOhm]"."""
+    name, _, unit = head.partition(" [")
+    return Column(name, unit.removesuffix("]"), role)
+
+
 @dataclass(frozen=True)
 class Table:
     """Rows under columns.
@@ -106,12 +112,9 @@ def rows_table(
     is_bare: bool = False,
 ) -> Table:
     """The same of rows whose cells are words already."""
-    columns = []
-    for head in heads:
-        name, _, unit = head.partition(" [")
-        columns.append(Column(name, unit.removesuffix("]"), "text" if head in text else "number"))
+    columns = tuple(column(head, "text" if head in text else "number") for head in heads)
     cells = tuple(map(tuple, rows))
-    return Table(caption, tuple(columns), cells, frozenset(best), frozenset(joined), is_bare)
+    return Table(caption, columns, cells, frozenset(best), frozenset(joined), is_bare)
 
 
 METRICS: "Cells[MetricsPart]" = {

@@ -1,29 +1,21 @@
 """Many cells in words: a fleet's progress, last lines and report, and the cells of a pack."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import polars as pl
 
 from ..errors import as_keys
 from ..files import csv_text
-from .document import (
-    Document,
-    Paragraph,
-    Picture,
-    Section,
-    Table,
-    make_table,
-    rows_table,
-)
+from .document import Document, Picture
 from .view import View
-from .wording import document, sentences, wording
-from .words import NOTHING, figures, fixed, gathered, millivolt
+from .wording import document
+from .words import gathered, millivolt
 
 if TYPE_CHECKING:
     from ..fleet import FleetCell
-    from ..fleet.summary import Cause, Summary
+    from ..fleet.summary import Summary
     from ..pack import Pack
     from ..search.evaluate import Evaluation
 
@@ -54,71 +46,10 @@ def fleet_illustrations(rows: pl.DataFrame, worst: "Mapping[str, Evaluation]") -
 
 def fleet_document(summary: "Summary", illustrations: Sequence[Picture] = ()) -> Document:
     """The whole report."""
-    blocks = {
-        "distributions": (_distributions(summary),),
-        "outliers": (_outliers(summary),),
-        "failures": (_causes(summary.failures, "Cells without an answer"),),
-        "warnings": (_causes(summary.warnings, "Cells with a warning"),),
-        "worst": (_worst(summary),),
-    }
-    return document("fleet_page", blocks, illustrations, fleet=summary)
-
-
-def _distributions(summary: "Summary") -> Table:
-    return make_table(
-        wording("fleet.distributions"),
-        summary.distributions,
-        {
-            "circuit": lambda spread: spread.circuit,
-            "quantity": lambda spread: spread.name,
-            "cells": lambda spread: f"{spread.cells:,}",
-            "at a bound": lambda spread: f"{spread.at_bound:,}",
-            "5 %": lambda spread: figures(spread.low),
-            "median": lambda spread: figures(spread.median),
-            "95 %": lambda spread: figures(spread.high),
-            "spread": lambda spread: figures(spread.sd_log, 2),
-        },
-        ["circuit", "quantity"],
-    )
-
-
-def _outliers(summary: "Summary") -> Table:
     from ..fleet.summary import OUTLYING
 
-    return make_table(
-        wording("fleet.outliers", OUTLYING),
-        summary.outliers[:MOST_ROWS],
-        {
-            "cell": lambda outlier: outlier.id,
-            "because of": lambda outlier: outlier.name,
-            "value": lambda outlier: figures(outlier.value),
-            "median": lambda outlier: figures(outlier.median),
-            "deviations": lambda outlier: f"{outlier.deviations:+.1f}",
-        },
-        ["cell", "because of"],
-    )
-
-
-def _causes(causes: "Sequence[Cause]", which: str) -> Table:
-    return make_table(
-        f"{which}, by cause, with the message of the first.",
-        causes[:MOST_ROWS],
-        {
-            "cells": lambda cause: f"{len(cause.ids):,}",
-            "cause": lambda cause: cause.text,
-            "such as": lambda cause: ", ".join(cause.ids[:3]),
-        },
-        ["cause", "such as"],
-    )
-
-
-def _worst(summary: "Summary") -> Table:
-    return make_table(
-        "The cells with the largest RMSE.",
-        summary.worst,
-        {"cell": lambda cell: cell[0], "RMSE [mV]": lambda cell: figures(1e3 * cell[1])},
-        ["cell"],
-    )
+    facts = {"fleet": summary, "outlying": OUTLYING, "most": MOST_ROWS}
+    return document("fleet_page", {}, illustrations, **facts)
 
 
 def problem_lines(cells: "Sequence[FleetCell]") -> list[str]:
@@ -130,47 +61,17 @@ def problem_lines(cells: "Sequence[FleetCell]") -> list[str]:
 
 # With more cells than this, the screen shows only those that stand out.
 MOST_SHOWN = 24
-SCALES = {
-    "R0 [Ohm]": ("R0 [mOhm]", 1e3),
-    "total R [Ohm]": ("total R [mOhm]", 1e3),
-    "SOC shift": ("SOC shift [%]", 100.0),
-    "capacity ratio": ("capacity [%]", 100.0),
-}
 
 
 def pack_document(pack: "Pack") -> Document:
     """The pack as the screen shows it."""
     from ..pack import FEWEST
 
-    odd = gathered((outlier.cell, outlier) for outlier in pack.odd)
-    told = [*sentences("pack.cells", pack, odd, FEWEST)]
-    told += [f"Resistances: {text}" for text in sentences("tables.law", pack.result.fits)]
-    told += sentences("pack.left_out", pack.left_out)
-    told += [f"Assumed: {guess}" for guess in View(pack.result).guesses]
-    return Document("Pack", "", (Section("Pack", (*map(Paragraph, told), _cells_table(pack))),))
-
-
-def _cells_table(pack: "Pack") -> Table:
-    rows = pack.rows()
-    caption = (
-        "The cells, with 95 % intervals; SOC shift and capacity are relative to the mean cell."
-    )
-    if len(rows) > MOST_SHOWN:
-        rows = [row for row in rows if row["odd"] or row["weakest"]]
-        caption = f"Those that stand out of {len(pack.fit.cells)} cells; cells.csv has all."
-    heads = ["cell", *(head for head, _ in SCALES.values()), "RMSE [mV]", "stands out"]
-
-    def line(row: Mapping[str, Any]) -> Iterator[str]:
-        yield row["cell"]
-        for name, (_, scale) in SCALES.items():
-            known = (row[name], row[f"{name} low"], row[f"{name} high"])
-            value, low, high = (fixed(None if own is None else scale * own, 2) for own in known)
-            yield NOTHING if row[name] is None else f"{value} ({low} to {high})"
-        yield figures(1e3 * row["RMSE [V]"])
-        out = (row["odd"].replace(" [Ohm]", ""), "weakest" if row["weakest"] else "")
-        yield "; ".join(filter(None, out))
-
-    return rows_table(caption, heads, map(line, rows), ["cell", "stands out"])
+    odd, cells = gathered((outlier.cell, outlier) for outlier in pack.odd), pack.fit.cells
+    if len(cells) > MOST_SHOWN:
+        cells = [cell for cell in cells if cell.name in odd or cell.name == pack.weakest]
+    facts = {"pack": pack, "odd": odd, "fewest": FEWEST, "shown": cells}
+    return document("pack", view=View(pack.result), **facts)
 
 
 def cells_csv(pack: "Pack") -> str:

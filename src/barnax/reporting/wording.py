@@ -4,12 +4,15 @@ A template of `templates/words` makes lines, and how a line begins says what it 
 
     = the title of a document     # a section     - a sentence of a list     ! a warning of a list
     @ the name of ready blocks    & a pattern of figures' names, each where it is first asked for
+    ^ the caption of a table      ~ no caption, and no line below the heads
+    | heads, a rule and rows, as Markdown writes a table: `---:` is the rule of numbers, `:--` that
+      of a column that stays beside the one before it
 
 and anything else a paragraph, before any section the summary.
 
 A line that begins with a space goes on with the one above, and blank lines are nothing. A value is
-on one line, whatever it holds, so that a file's name is no markup; only `| lines` puts in the lines
-of a macro. Words of `words.py` are filters and functions of every template.
+on one line and in one cell, whatever it holds, so that a file's name is no markup; only `| lines`
+puts in the lines of a macro. Words of `words.py` are filters and functions of every template.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -29,11 +32,15 @@ from ..cell.soc_axis import ABOVE_SOC
 from ..notices import sentences_of
 from ..settings import MAX_MOVED_SOC
 from . import words
-from .document import Block, Bullets, Document, Paragraph, Picture, Section
+from .document import Block, Bullets, Document, Paragraph, Picture, Role, Section, Table, column
 
-MARKS = "=#-!@&"
+MARKS = "=#-!@&^~|"
+# Stands for a bar in a value, which ends no cell.
+BAR = "\ue001"
+# What a column holds by its rule.
+RULES: dict[str, Role] = {"---": "text", "---:": "number", ":--": "text", ":--:": "number"}
 # What sentences say of the numerics, by name.
-CONSTANTS = {"ABOVE_SOC": ABOVE_SOC, "MAX_MOVED_SOC": MAX_MOVED_SOC}
+CONSTANTS = {"ABOVE_SOC": ABOVE_SOC, "MAX_MOVED_SOC": MAX_MOVED_SOC, "NOTHING": words.NOTHING}
 CONSTANTS |= {name: getattr(dependence, name) for name in ("BETA", "KAPPA", "ONSET", "CHARGE")}
 # What is worth a sentence: low SOC with most of the squared error, a band with a notable share of
 # it, and a start that was moved, or an SOC beyond the ends, by more than what nobody asks about.
@@ -66,9 +73,16 @@ def document(
     A section without blocks is left out. Raises `KeyError` for blocks that are not given, and
     jinja2's `UndefinedError` for facts.
     """
+    return _document(_template(template).render(**facts), blocks, pictures)
+
+
+def _document(
+    text: str, blocks: Mapping[str, Sequence[Block]] | None = None, pictures: Iterable[Picture] = ()
+) -> Document:
     title, summary, left = "", "", list(pictures)
     sections: list[tuple[str, list[Block]]] = []
-    for mark, group in groupby(_items(rendered(template, **facts)), itemgetter(0)):
+    caption, is_bare = "", False
+    for mark, group in groupby(_items(text), itemgetter(0)):
         texts = [text for _, text in group]
         if mark == "=":
             title = texts[0]
@@ -83,6 +97,10 @@ def document(
             placed = [one for one in left if any(fnmatchcase(one.name, each) for each in texts)]
             sections[-1][1].extend(placed)
             left = [one for one in left if one not in placed]
+        elif mark in ("^", "~"):
+            caption, is_bare = texts[-1], mark == "~"
+        elif mark == "|":
+            sections[-1][1].append(_table(caption, texts, is_bare))
         elif mark == "":
             sections[-1][1].extend(map(Paragraph, texts))
         else:
@@ -91,22 +109,40 @@ def document(
     return Document(title, summary, tuple(filled))
 
 
+def _table(caption: str, lines: Sequence[str], is_bare: bool) -> Table:
+    heads, rule, *rows = ([cell.strip() for cell in line.split("|")[:-1]] for line in lines)
+    cells = tuple(tuple(cell.replace(BAR, "|") for cell in row) for row in rows)
+    columns = (column(*own) for own in zip(heads, map(RULES.__getitem__, rule), strict=True))
+    joined = frozenset(place for place, own in enumerate(rule) if own.startswith(":"))
+    return Table(caption, tuple(columns), cells, joined=joined, is_bare=is_bare)
+
+
 def rendered(template: str, **facts: Any) -> str:
     """The text of a template as it stands."""
-    return _template(template).render(**facts)
+    return _template(template).render(**facts).replace(BAR, "|")
+
+
+def _macro(name: str, facts: Sequence[Any]) -> str:
+    """The text of a macro, such as "starts.adjusted" of `starts.txt`."""
+    template, _, macro = name.partition(".")
+    return getattr(_template(template).module, macro)(*facts)
+
+
+def blocks(name: str, *facts: Any) -> tuple[Block, ...]:
+    """The blocks of a macro, such as its tables."""
+    return tuple(
+        block for part in _document(f"#\n{_macro(name, facts)}").sections for block in part.blocks
+    )
 
 
 def sentences(name: str, *facts: Any) -> tuple[str, ...]:
-    """The sentences of a macro, such as "starts.adjusted" of `starts.txt`."""
-    template, _, macro = name.partition(".")
-    made = getattr(_template(template).module, macro)(*facts)
-    return tuple(text for _, text in _items(made))
+    """The sentences of a macro."""
+    return tuple(text for _, text in _items(_macro(name, facts)))
 
 
 def wording(name: str, *facts: Any) -> str:
     """The same in one line."""
-    template, _, macro = name.partition(".")
-    return _on_one_line(getattr(_template(template).module, macro)(*facts)).strip()
+    return _on_one_line(_macro(name, facts)).strip().replace(BAR, "|")
 
 
 def _items(text: str) -> Iterator[tuple[str, str]]:
@@ -119,13 +155,18 @@ def _items(text: str) -> Iterator[tuple[str, str]]:
             items.append((line[0], [line[2:].strip()]))
         else:
             items.append(("", [line.strip()]))
-    return ((mark, " ".join(filter(None, texts))) for mark, texts in items)
+    for mark, texts in items:
+        whole = " ".join(filter(None, texts))
+        yield mark, whole if mark == "|" else whole.replace(BAR, "|")
 
 
-def _on_one_line(value: Any) -> Any:
-    if isinstance(value, Lines) or not isinstance(value, str) or "\n" not in value:
-        return value
-    return " ".join(filter(None, map(str.strip, value.split("\n"))))
+def _on_one_line(text: str) -> str:
+    return " ".join(filter(None, map(str.strip, text.split("\n")))) if "\n" in text else text
+
+
+def _in_one_cell(value: Any) -> Any:
+    is_text = isinstance(value, str) and not isinstance(value, Lines)
+    return _on_one_line(value).replace("|", BAR) if is_text else value
 
 
 @cache
@@ -138,7 +179,7 @@ def _templates() -> Environment:
     templates = Environment(
         loader=PackageLoader("barnax.reporting", "templates/words"),
         undefined=StrictUndefined,
-        finalize=_on_one_line,
+        finalize=_in_one_cell,
     )
     functions = {name: value for name, value in vars(words).items() if isfunction(value)}
     functions |= {"median": median, "alike": alike}

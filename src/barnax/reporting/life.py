@@ -9,16 +9,15 @@ import numpy as np
 import polars as pl
 
 from ..life import QUANTITIES, SHIFT
-from .document import Document, Picture, Table, rows_table
+from .document import Document, Picture
 from .wording import document, sentences
-from .words import NOTHING, figures, symbol
+from .words import NOTHING, symbol
 
 if TYPE_CHECKING:
     from ..life import Fault, Life, Trend
 
 MOST_ROWS = 50
 MOST_FAULTS, MOST_CAUSES = 10, 3
-TREND_HEADS = ("low", "high", "trend", "trend low", "trend high")
 
 
 def quantity_name(quantity: str) -> str:
@@ -40,27 +39,26 @@ def life_lines(life: "Life") -> list[str]:
 
 def life_document(life: "Life", drawn: Sequence[Picture]) -> Document:
     """The page of the fleet."""
-    blocks = {
-        "trends": (_fleet_table(life),),
-        "odd": (_fault_table(life),) if life.faults else (),
-    }
-    facts = {"quantities": _quantities(life), "is_judged": _is_judged(life)}
+    facts = {"quantities": _quantities(life), "is_judged": _is_judged(life), "most": MOST_ROWS}
+    facts["faults"] = [_said(life, fault) for fault in life.faults[:MOST_ROWS]]
+    facts["shown"] = {quantity: _shown(quantity) for quantity in QUANTITIES}
+    facts["last"] = _last
     causes = _causes(life)[:MOST_ROWS]
-    return document("life_page", blocks, drawn, life=life, causes=causes, **facts)
+    return document("life_page", {}, drawn, life=life, causes=causes, **facts)
 
 
 def cell_document(life: "Life", cell: str, drawn: Sequence[Picture]) -> Document:
     """The page of a cell."""
     faults = [_said(life, fault) for fault in life.faults if fault.cell == cell]
     trends = {
-        quantity: _trend_table(life, trend)
+        quantity: (_shown(quantity), trend)
         for quantity in QUANTITIES
         for trend in life.of(quantity, cell)
         if trend.estimates
     }
     missing = [quantity_name(quantity) for quantity in QUANTITIES if quantity not in trends]
     facts = {"life": life, "cell": cell, "its_faults": faults, "missing": missing}
-    return document("cell_page", {"trends": tuple(trends.values())}, drawn, **facts)
+    return document("cell_page", {}, drawn, trends=trends, quantity_name=quantity_name, **facts)
 
 
 def _said(life: "Life", fault: "Fault") -> dict[str, str]:
@@ -146,45 +144,13 @@ def _causes(life: "Life") -> list[tuple[str, int]]:
     return Counter(error for _, error in life.failed).most_common()
 
 
-def _fleet_table(life: "Life") -> Table:
-    heads = ["cell", "eq. full cycles", *(_shown(quantity)[0] for quantity in QUANTITIES)]
-    rows = []
-    for cell in life.cells[:MOST_ROWS]:
-        last = (_last(life, quantity, cell) for quantity in QUANTITIES)
-        rows.append([cell, f"{life.cycles[cell]:.4g}", *last])
-    caption = "The trend at the last record that tells it, and half its interval."
-    return rows_table(caption, heads, rows, ["cell"])
-
-
-def _last(life: "Life", quantity: str, cell: str) -> str:
+def _last(life: "Life", quantity: str, cell: str) -> tuple[float, float] | None:
+    """The trend at the last record that tells it, and half its interval, as they are shown."""
     (trend,) = life.of(quantity, cell)
     if not trend.estimates:
-        return NOTHING
+        return None
     value, low, high = _shown(quantity)[1] * trend.smooth[np.isfinite(trend.smooth[:, 0])][-1]
-    return f"{figures(value, 4)} ± {figures((high - low) / 2, 2)}"
-
-
-def _fault_table(life: "Life") -> Table:
-    heads = ["cell", "quantity", "what", "from", "by", "deviations"]
-    rows = (_said(life, fault).values() for fault in life.faults[:MOST_ROWS])
-    return rows_table("The oddest first.", heads, rows, heads[:5])
-
-
-def _trend_table(life: "Life", trend: "Trend") -> Table:
-    head, scale = _shown(trend.quantity)
-
-    def number(value: float) -> str:
-        return NOTHING if np.isnan(value) else figures(scale * float(value), 4)
-
-    rows = (
-        [f"{age:.4g}", *map(number, (*measured, *smooth))]
-        for age, measured, smooth in zip(trend.age, trend.measured, trend.smooth, strict=True)
-    )
-    return rows_table(
-        f"{quantity_name(trend.quantity)}, with 95 % intervals.",
-        [f"age [{life.unit}]", head, *TREND_HEADS],
-        rows,
-    )
+    return value, (high - low) / 2
 
 
 def _ends(trend: "Trend") -> tuple[float, float]:

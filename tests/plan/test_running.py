@@ -14,7 +14,7 @@ from barnax.plan import Plan, plan, plan_from_toml, plan_to_toml
 from barnax.plan.document import Part
 from barnax.plan.running import planned
 from barnax.records import read_record, source
-from barnax.reporting.result_tables import plan_table
+from barnax.reporting.wording import table
 from barnax.results import Result
 from cli.conftest import BUDGET, run_command
 from helpers.records import pulse_frame
@@ -65,9 +65,9 @@ def test_the_command_takes_a_folder_and_stores_how_to_do_it_by_hand(
         "ocv_discharge.parquet": "OCV test",
         "ocv_charge.parquet": "OCV test",
     }
-    table = plan_table(stored.plan)
-    assert table.rows[0][:3] == ("identification.parquet", "identification", "drive cycle")
-    assert "752 current steps" in table.rows[0][3]
+    planned = table("result.plan", stored.plan)
+    assert planned.rows[0][:3] == ("identification.parquet", "identification", "drive cycle")
+    assert "752 current steps" in planned.rows[0][3]
     # The plan that the run stored does the same, wherever it is run.
     outcome = run_command("identify", tmp_path / "out" / "plan.toml", "--out", tmp_path / "again")
     assert outcome.status == 0

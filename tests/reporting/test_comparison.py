@@ -9,20 +9,16 @@ import pytest
 
 from barnax.comparison import ComparisonResult
 from barnax.reporting.comparison import (
-    bands_table,
     comparison_document,
-    differences_table,
-    errors_table,
     on_records,
-    parameters_table,
-    refined_tables,
-    search_table,
+    refined_circuits,
+    shown_differences,
     verdict_facts,
 )
 from barnax.reporting.document import Bullets, Table
 from barnax.reporting.illustrations import comparison_illustrations
 from barnax.reporting.render import table_lines, to_markdown
-from barnax.reporting.wording import sentences, wording
+from barnax.reporting.wording import blocks, sentences, table, wording
 from barnax.search.evaluate import Evaluation, evaluate
 from barnax.search.refine import AtBound, Refinement
 from helpers.comparisons import (
@@ -151,18 +147,23 @@ def tables() -> dict[str, Table]:
         make_difference("b so-rc", "c so-rc", (-1.0, 1.0), is_capped=True),
         make_difference("a so-rc", "c so-rc", (-3.0, -1.0), record=CITY),
     )
+    timed = compared(make_row("a so-rc", 20.0, optimality_gap=0.021), alone)
+    own, refined = blocks("comparison.parameters", models, refined_circuits(models))
+    of_first = on_records(differences)[0]
     return {
-        "parameters, with what not every model has last": parameters_table(models),
-        "refined, where something was": refined_tables(models)[0],
-        "errors on the first record": errors_table(first),
-        "errors on the second record": errors_table(second),
-        "search, with the time": search_table(
-            compared(make_row("a so-rc", 20.0, optimality_gap=0.021), alone), {"a so-rc": 1.234}
+        "parameters, with what not every model has last": own,
+        "refined, where something was": refined,
+        "errors on the first record": table("comparison.errors", first),
+        "errors on the second record": table("comparison.errors", second),
+        "search, with the time": table(
+            "comparison.search", timed, on_records(timed)[0], {"a so-rc": 1.234}
         ),
-        "search, without": search_table(compared(alone)),
-        "bands that hold a sample": bands_table(first),
-        "differences on the first record": differences_table(
-            differences, on_records(differences)[0]
+        "search, without": table(
+            "comparison.search", compared(alone), on_records(compared(alone))[0], {}
+        ),
+        "bands that hold a sample": table("comparison.bands", first),
+        "differences on the first record": table(
+            "comparison.differences", of_first, shown_differences(differences, of_first)
         ),
     }
 
@@ -183,8 +184,8 @@ def test_every_case_is_told_as_in_the_golden_file():
         others = ", ".join(validated) or "nothing"
         conclusion = wording("comparison.conclusion", [identified, *validated])
         lines.append(f"# {identified}, then {others}\n{conclusion}")
-    for name, table in tables().items():
-        lines.append(f"# {name}\n{table.caption}\n{table_lines(table)}")
+    for name, cells in tables().items():
+        lines.append(f"# {name}\n{cells.caption}\n{table_lines(cells)}")
     require_golden(GOLDEN / "comparison.txt", "\n".join(lines) + "\n")
 
 

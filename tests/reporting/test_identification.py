@@ -18,10 +18,9 @@ from barnax.model.window import Window
 from barnax.records import Decision
 from barnax.reporting.document import Picture
 from barnax.reporting.first_screen import first_screen, next_step
-from barnax.reporting.identification import identification_document
+from barnax.reporting.identification import identification_document, search_boxes
 from barnax.reporting.illustrations import identification_illustrations, record_roles
 from barnax.reporting.render import to_html, to_markdown
-from barnax.reporting.result_tables import search_boxes
 from barnax.reporting.terminal import to_terminal
 from barnax.reporting.view import View
 from barnax.reporting.wording import sentences, wording

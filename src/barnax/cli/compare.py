@@ -68,7 +68,7 @@ def compare(options: Comparing) -> None:
         if plan.command == "hppc":
             raise InputError(f"{record}: a pulse test is identified by barnax hppc, not compared")
         plan = plan.on_one
-        run.show_document(reporting.result_tables.plan_screen(plan))
+        run.show_document(reporting.wording.document("planned", plan=plan))
         job = barnax.plan.planned(plan, job)
     total = sum(1 if barnax.METHODS[method].is_deterministic else job.seeds for _, method in rows)
     with run.watch("Comparing", total) as advance:

@@ -174,14 +174,14 @@ def _run(
     # Where roles were chosen, why is told while it runs.
     are_chosen = all(part.reason for part in plan.parts) and not plan.missing
     if are_chosen:
-        run.show_document(reporting.result_tables.plan_screen(plan))
+        run.show_document(reporting.wording.document("planned", plan=plan))
     job = barnax.Job(plan, watch=run.watch) if records else job
     is_pulsed = command == "hppc" and not records
     result = barnax.hppc(job) if is_pulsed else barnax.identify(job)
     unseen = None
     try:
         if plan.stored and not are_chosen:
-            run.show_document(reporting.result_tables.plan_screen(plan))
+            run.show_document(reporting.wording.document("planned", plan=plan))
         # Read while the figures are drawn.
         if options.output.verbose:
             run.show_document(reporting.identification.identification_document(result))

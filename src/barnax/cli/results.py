@@ -96,7 +96,7 @@ def show(of: Shown) -> None:
             raise InputError(f"{of.results[0]}: its circuit was asked for, so none was chosen")
         document_of = reporting.first_screen.first_screen
         if of.choice:
-            document_of = reporting.result_tables.choice_document
+            document_of = reporting.identification.choice_document
         elif of.whole:
             document_of = reporting.identification.identification_document
         document = document_of(stored)
@@ -145,7 +145,7 @@ def validate(on: OnRecord, output: Errors) -> None:
     metrics = MetricsPart.of(evaluation)
     if output.as_json:
         typer.echo(metrics.model_dump_json(by_alias=True, indent=1))
-    table = reporting.result_tables.metrics_table([(metrics, "validation")])
+    table = reporting.wording.table("result.metrics_of", [(metrics, "validation")])
     session.show([reporting.terminal.terminal_table(table)])
     moved = sentences("starts.moved", metrics)
     session.show([shown(reporting.words.capitalized(text)) for text in moved])

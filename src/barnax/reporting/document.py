@@ -8,12 +8,9 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from ..cell import CircuitParameters
 from ..cell.elements import names_of
-from .words import figures, fixed, millivolts_cell
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from ..result_parts import MetricsPart
 
 Role = Literal["text", "number"]
 Item = TypeVar("Item")
@@ -117,36 +114,6 @@ def rows_table(
     return Table(caption, columns, cells, frozenset(best), frozenset(joined), is_bare)
 
 
-METRICS: "Cells[MetricsPart]" = {
-    "RMSE [mV]": lambda metrics: millivolts_cell(metrics.rmse_v),
-    "R2": lambda metrics: fixed(metrics.r2, 4),
-    "R2 (paper)": lambda metrics: fixed(metrics.r2_paper, 4),
-    "MAPE [%]": lambda metrics: fixed(metrics.mape_percent, 3),
-    "CE [V]": lambda metrics: fixed(metrics.ce_v, 2),
-    "max [mV]": lambda metrics: fixed(1e3 * metrics.max_v, 1),
-    "samples": lambda metrics: str(metrics.samples),
-}
-
-
-def circuits_table(
-    caption: str,
-    circuits: Mapping[str, Mapping[str, float]],
-    further: Cells[str],
-    first: str = "row",
-) -> Table:
-    """Circuits by their names under `first`, a dash where one lacks a parameter.
-
-    `further` columns follow, filled by what they give for a name.
-    """
-    values = {name: readable(parameters) for name, parameters in circuits.items()}
-    heads = sorted(dict.fromkeys(chain.from_iterable(values.values())), key=_order)
-    rows = (
-        [name, *(figures(own.get(head), 4) for head in heads), *(f(name) for f in further.values())]
-        for name, own in values.items()
-    )
-    return rows_table(caption, [first, *heads, *further], rows, [first])
-
-
 def readable(parameters: Mapping[str, float]) -> dict[str, float]:
     """Resistances in mOhm, capacitances in F and time constants in s, by a name with its unit.
 
@@ -168,13 +135,18 @@ def readable(parameters: Mapping[str, float]) -> dict[str, float]:
     return values
 
 
-def _order(head: str) -> tuple[str, int]:
-    """R0, R1, C1, tau1, R2, ...: pair by pair, what has no pair last."""
-    symbol = head.split()[0]
-    kinds = ("R", "C", "tau")
-    kind = "".join(takewhile(str.isalpha, symbol))
-    number = symbol[len(kind) :]
-    return (number or "9", kinds.index(kind) if kind in kinds else len(kinds))
+def parameter_heads(circuits: Mapping[str, Mapping[str, float]]) -> list[str]:
+    """The heads of all parameters of circuits: R0, R1, C1, tau1, R2, ...: pair by pair, what has no
+    pair last."""
+
+    def order(head: str) -> tuple[str, int]:
+        symbol = head.split()[0]
+        kinds = ("R", "C", "tau")
+        kind = "".join(takewhile(str.isalpha, symbol))
+        number = symbol[len(kind) :]
+        return (number or "9", kinds.index(kind) if kind in kinds else len(kinds))
+
+    return sorted(dict.fromkeys(chain.from_iterable(circuits.values())), key=order)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,30 +1,25 @@
 """The report of one identification: as a document, as a text, and in a notebook."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from html import escape
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..files import write_whole
 from ..results import Result
-from .document import Block, Document, Picture
+from .document import Document, Picture
 from .illustrations import identification_illustrations
 from .pulses import pulses_blocks
 from .render import to_fragment, to_html, to_markdown
-from .result_tables import (
-    assessment_tables,
-    circuit_blocks,
-    errors_table,
-    files_table,
-    parameters_table,
-    plan_table,
-    search_boxes,
-    seed_tables,
-    versions_table,
-)
 from .soc_tables import answer_tables, ocv_tables, other_temperatures
 from .view import View
 from .wording import document
+from .words import gathered
+
+if TYPE_CHECKING:
+    from ..comparison.result import ModelPart
+    from ..result_parts import ConstantPart
 
 
 def identification_document(
@@ -35,30 +30,33 @@ def identification_document(
     `illustrations` come from `identification_illustrations`; `summary_only` leaves it at the
     parameters, the verdict and the errors.
     """
-    view, has_tables = View(result), result.tables is not None
-    blocks: dict[str, tuple[Block, ...]] = {
-        "answer": answer_tables(result.fits) if has_tables else (parameters_table(result),),
-        "errors": (errors_table(result),),
+    blocks = {
+        "answer": answer_tables(result.fits) if result.tables is not None else (),
+        "tables": other_temperatures(result.fits),
+        "ocv nodes": ocv_tables(result.fits),
+        "pulses": pulses_blocks(result),
     }
-    if not summary_only:
-        assessment = result.constant.assessment
-        blocks |= {
-            "circuits": circuit_blocks(view, result.tried),
-            "tables": other_temperatures(result.fits),
-            "ocv nodes": ocv_tables(result.fits),
-            "pulses": pulses_blocks(result),
-            "assessment": assessment_tables(assessment) if assessment else (),
-            "files": (
-                files_table(result),
-                *((plan_table(result.plan),) if result.plan else ()),
-            ),
-            "seeds": seed_tables(result),
-            "versions": (versions_table(result),),
-        }
     constant = result.constant
     boxes = search_boxes({constant.model: constant})
     facts = {"search_boxes": boxes, "summary_only": summary_only}
-    return document("report", blocks, illustrations, view=view, **facts)
+    return document("report", blocks, illustrations, view=View(result), **facts)
+
+
+def choice_document(result: Result) -> Document:
+    """How the circuit of a result was chosen."""
+    return document("chosen", view=View(result))
+
+
+def search_boxes(searched: "Mapping[str, ConstantPart | ModelPart]") -> list[tuple[Any, ...]]:
+    """Every search box: the names of each range, the values that are held, and its models."""
+    alike = gathered(
+        ((tuple(box.bounds.items()), tuple(box.fixed.items())), model)
+        for model, box in searched.items()
+    )
+    return [
+        (gathered((ends, name) for name, ends in bounds), held, models)
+        for (bounds, held), models in alike.items()
+    ]
 
 
 class Report(str):

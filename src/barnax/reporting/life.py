@@ -39,10 +39,10 @@ def life_lines(life: "Life") -> list[str]:
 
 def life_document(life: "Life", drawn: Sequence[Picture]) -> Document:
     """The page of the fleet."""
-    facts = {"quantities": _quantities(life), "is_judged": _is_judged(life), "most": MOST_ROWS}
+    facts: dict[str, Any] = {"quantities": _quantities(life), "is_judged": _is_judged(life)}
+    facts |= {"most": MOST_ROWS, "last": _last}
     facts["faults"] = [_said(life, fault) for fault in life.faults[:MOST_ROWS]]
     facts["shown"] = {quantity: _shown(quantity) for quantity in QUANTITIES}
-    facts["last"] = _last
     causes = _causes(life)[:MOST_ROWS]
     return document("life_page", {}, drawn, life=life, causes=causes, **facts)
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from ..records import Decision
     from ..result_parts import Candidate, InputPart, MetricsPart
     from ..results import Result
+    from ..select.policy import Policy
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +32,14 @@ class View:
     """
 
     result: "Result"
+
+    @property
+    def policy(self) -> "Policy":
+        """The rule by which circuits are chosen."""
+        # It loads JAX, which the report of a fleet does without.
+        from ..select.policy import Policy
+
+        return Policy()
 
     # The files, the cell, and what was decided about them.
 

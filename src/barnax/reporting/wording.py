@@ -32,7 +32,19 @@ from ..cell.soc_axis import ABOVE_SOC
 from ..notices import sentences_of
 from ..settings import MAX_MOVED_SOC
 from . import words
-from .document import Block, Bullets, Document, Paragraph, Picture, Role, Section, Table, column
+from .document import (
+    Block,
+    Bullets,
+    Document,
+    Paragraph,
+    Picture,
+    Role,
+    Section,
+    Table,
+    column,
+    parameter_heads,
+    readable,
+)
 
 MARKS = "=#-!@&^~|"
 # Stands for a bar in a value, which ends no cell.
@@ -111,10 +123,16 @@ def _document(
 
 def _table(caption: str, lines: Sequence[str], is_bare: bool) -> Table:
     heads, rule, *rows = ([cell.strip() for cell in line.split("|")[:-1]] for line in lines)
-    cells = tuple(tuple(cell.replace(BAR, "|") for cell in row) for row in rows)
+    best = frozenset(
+        (number, place)
+        for number, row in enumerate(rows)
+        for place, cell in enumerate(row)
+        if cell.startswith("**")
+    )
+    cells = tuple(tuple(cell.strip("*").replace(BAR, "|") for cell in row) for row in rows)
     columns = (column(*own) for own in zip(heads, map(RULES.__getitem__, rule), strict=True))
     joined = frozenset(place for place, own in enumerate(rule) if own.startswith(":"))
-    return Table(caption, tuple(columns), cells, joined=joined, is_bare=is_bare)
+    return Table(caption, tuple(columns), cells, best, joined, is_bare)
 
 
 def rendered(template: str, **facts: Any) -> str:
@@ -133,6 +151,13 @@ def blocks(name: str, *facts: Any) -> tuple[Block, ...]:
     return tuple(
         block for part in _document(f"#\n{_macro(name, facts)}").sections for block in part.blocks
     )
+
+
+def table(name: str, *facts: Any) -> Table:
+    """The one table of a macro."""
+    (found,) = blocks(name, *facts)
+    assert isinstance(found, Table), f"{name} makes a table"
+    return found
 
 
 def sentences(name: str, *facts: Any) -> tuple[str, ...]:
@@ -183,6 +208,7 @@ def _templates() -> Environment:
     )
     functions = {name: value for name, value in vars(words).items() if isfunction(value)}
     functions |= {"median": median, "alike": alike}
+    functions |= {"readable": readable, "parameter_heads": parameter_heads}
     templates.filters |= {**functions, "lines": Lines, "sentences_of": sentences_of}
     templates.globals.update({**functions, **CONSTANTS})  # pyrefly: ignore
     return templates

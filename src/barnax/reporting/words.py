@@ -10,7 +10,7 @@ from ..errors import counted as counted
 if TYPE_CHECKING:
     from ..over_soc.cross_validation import SocErrors
     from ..over_soc.node_interval import NodeInterval
-    from ..uncertainty import Band
+    from ..uncertainty import Band, Estimate, Profile
 
 NOTHING = "–"
 NOT_DETERMINED = "not determined"
@@ -219,6 +219,15 @@ def shown(name: str, value: float, digits: int = 3) -> tuple[str, str]:
     return figures(value, digits), unit
 
 
+def in_milliohm(name: str) -> tuple[str, float]:
+    """A parameter's name with the unit of a column, and the factor to that.
+
+    >>> in_milliohm("R1 [Ohm]"), in_milliohm("C1 [F]")
+    (('R1 [mOhm]', 1000.0), ('C1 [F]', 1.0))
+    """
+    return (name.replace("[Ohm]", "[mOhm]"), 1e3 if name.endswith("[Ohm]") else 1.0)
+
+
 def bound_words(name: str, side: str) -> str:
     """A parameter at a bound of its box.
 
@@ -305,6 +314,12 @@ def interval(name: str, low: float | None, high: float | None, value: float | No
 def interval_beside(value: str, of: "NodeInterval") -> str:
     """The interval of a number, without the unit of its value that it stands beside."""
     return without_unit(interval(of.name, of.low, of.high, of.value), value)
+
+
+def interval_under(head: str, of: "NodeInterval | Estimate | Profile") -> str:
+    """The same under the head of a column, without its unit."""
+    text = interval(of.name, of.low, of.high, getattr(of, "value", None))
+    return without_unit(text, head.replace("[", "").rstrip("]"))
 
 
 def without_unit(text: str, value: str) -> str:

@@ -20,7 +20,7 @@ from .model.start import Start
 from .model.window import Window
 from .over_soc.cross_validation import SocErrors
 from .over_soc.fit import TableFit
-from .over_soc.node_interval import NodeInterval
+from .over_soc.node_interval import Fact, NodeInterval
 from .over_soc.settings import table_name
 from .records import Decision, Record, Source
 from .records.fingerprint import Content, read_fingerprint
@@ -321,6 +321,19 @@ class ConstantPart(Part):
         """The parameters with their intervals, by name; none where the assessment was skipped."""
         found = () if self.assessment is None else self.assessment.uncertainty.estimates
         return {estimate.name: estimate for estimate in found}
+
+    @property
+    def facts(self) -> tuple[Fact, ...]:
+        """The parameters and time constants, of those that were free with their intervals."""
+        values = self.parameters.to_dict().items()
+        own = self.estimates.values() or [Estimate(name, value) for name, value in values]
+        return tuple(
+            Fact(
+                each.name, None, each.value, 0.0, 0.0, each.low, each.high,
+                is_assessed=each.relative_error is not None,
+            )
+            for each in own
+        )  # fmt: skip
 
     @property
     def fit(self) -> TableFit:

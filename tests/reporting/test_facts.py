@@ -2,21 +2,26 @@
 
 import csv
 import io
+from dataclasses import replace
 
 import pytest
 from rich.console import Console, Group
 
 import barnax
 from barnax.export import get_exporter
+from barnax.over_soc.node_interval import NodeInterval
+from barnax.plots.soc_tables import drawn_tables
 from barnax.reporting.first_screen import first_screen
 from barnax.reporting.identification import identification_document
 from barnax.reporting.parameters import tables_csv
 from barnax.reporting.render import to_markdown
+from barnax.reporting.soc_tables import answer_tables, headline
 from barnax.reporting.terminal import to_terminal
+from barnax.reporting.view import View
 from barnax.reporting.words import figures, symbol, with_unit
 from barnax.results import Result
 from helpers.golden import RESULT
-from helpers.results import make_table_result
+from helpers.results import make_table_result, with_constant
 
 STORED = Result.from_json(RESULT)
 
@@ -26,10 +31,38 @@ def stored_with(tables: Result) -> Result:
     return STORED.model_copy(update={"tables": tables.tables, "model": tables.model})
 
 
+def told(result: Result, **ends: float | None) -> Result:
+    """The same with other ends of every interval."""
+
+    def changed(own: NodeInterval) -> NodeInterval:
+        return replace(own, **ends)
+
+    fits = tuple(
+        replace(
+            fit, intervals=tuple(map(changed, fit.intervals)), means=tuple(map(changed, fit.means))
+        )
+        for fit in result.fits
+    )
+    return result.model_copy(update={"tables": replace(result.fits, fits=fits)})
+
+
+TABLES = {name: stored_with(make_table_result(name)) for name in ("so-rc", "esc")}
+ENDS = {
+    "as they are": {},
+    "at most": {"low": 0.0},
+    "at most, without the other end": {"low": None},
+    "at least": {"high": None},
+    "not determined": {"low": None, "high": None},
+    "of another record": {"record_low": 1e-3, "record_high": 0.2},
+    "of another record, open": {"record_low": 1e-3},
+}
 RESULTS = {
     "constant": STORED,
-    "tables": stored_with(make_table_result()),
-    "tables with a rate": stored_with(make_table_result("esc")),
+    "constants without intervals": with_constant(STORED, assessment=None),
+} | {
+    f"{circuit}, {name}": told(result, **ends)
+    for circuit, result in TABLES.items()
+    for name, ends in ENDS.items()
 }
 
 
@@ -90,3 +123,33 @@ def test_the_screen_the_report_and_results_side_by_side_say_the_same(result):
             assert any(row.startswith(f"| {name} ") and f"| {value}" in row for row in report)
         named = name if result.tables is None else f"mean {name}"
         assert any(line.split("  ")[0].strip() == named and value in line for line in beside)
+
+
+@pytest.mark.parametrize("name", [name for name in RESULTS if "constant" not in name])
+def test_the_intervals_of_means_and_constants_are_the_same_on_screen_and_in_the_report(name):
+    result = RESULTS[name]
+    _, rows = headline(View(result))
+    on_screen = {row[0]: row[2] for row in rows} | {row[4]: row[6] for row in rows if row[4]}
+    means, constants, _ = answer_tables(result.fits)
+    for symbol_, value, in_report in (*means.rows, *constants.rows):
+        assert on_screen.get(symbol_, in_report).strip("–") == in_report.strip("–"), (
+            symbol_,
+            value,
+        )
+
+
+def test_not_determined_is_the_same_in_the_table_the_figure_and_the_csv(result):
+    if result.tables is None:
+        return
+    _, _, nodes = answer_tables(result.fits)
+    drawn = drawn_tables(result.fit)
+    rows = list(csv.DictReader(tables_csv(result.fits).decode().splitlines()))
+    are_of_another = "another record" in nodes.caption
+    for place, name in enumerate(result.fit.tables.tables):
+        words = [row[2 + 2 * place] for row in nodes.rows]
+        table = drawn[name].seen.nodes
+        ends = [row for row in rows if row["table"] == name and row["visited"] == "1"]
+        for said, node, row in zip(words, table, ends, strict=True):
+            is_open = (row["low"], row["high"]) == ("", "")
+            assert node["is_open"] == is_open
+            assert are_of_another or (said == "not determined") == is_open

@@ -162,7 +162,18 @@ def _caveats(
         if count > 1:
             ladders.append((names, get_element(element).description, pairs + 1, pairs + count))
         pairs += count
-    caveats = caveats_of("beside_tables", result, cell, _ocv_without_samples(result), ladders)
+    bounds = {bound.name for bound in result.at_bound}
+    facts = result.constant.facts
+    if result.tables is not None:
+        held = {name for name, ends in result.tables.settings.ranges.items() if ends[0] == ends[1]}
+        bounds |= held
+        facts = [fact for fact in result.fit.facts if fact.soc is None and not fact.is_mean]
+    facts = [fact for fact in facts if fact.is_assessed and fact.name not in bounds]
+    limits = [fact for fact in facts if fact.high is not None and not fact.low]
+    undetermined = [fact.name for fact in facts if fact.low is None and fact.high is None]
+    unseen_ocv = _ocv_without_samples(result)
+    told = result, cell, unseen_ocv, ladders, undetermined, limits
+    caveats = caveats_of("beside_tables", *told)
     if not over_soc:
         return caveats
     unseen = ~np.all([tables.visited for tables in over_soc], axis=0)

@@ -38,9 +38,11 @@ LETTERS: Final = 34
 HALF: Final = HALF_HYSTERESIS.partition(" [")[0]
 
 
-# Of a node the SOC, whether samples visit it, and its value with the ends of its interval.
+# Of a node the SOC, whether samples visit it and tell nothing of it, and its value with the ends of
+# its interval.
 NODE: Final = np.dtype(
-    [("soc", float), ("is_visited", bool), ("value", float), ("low", float), ("high", float)]
+    [("soc", float), ("is_visited", bool), ("is_open", bool)]
+    + [(name, float) for name in ("value", "low", "high")]
 )
 
 
@@ -82,7 +84,12 @@ def _drawn(name: str, facts: "Sequence[Fact]") -> DrawnTable:
     scale, shown = (1.0, "V") if name == OCV else (1e3, f"m{unit.rstrip(']')}")
     rows = [(fact.soc, fact.value, fact.low, fact.high) for fact in facts]
     soc, *values = np.array(rows, float).T
-    columns = [soc, [fact.is_visited for fact in facts], *(scale * column for column in values)]
+    is_open = [fact.is_assessed and fact.low is None and fact.high is None for fact in facts]
+    if unit == "Ohm]":
+        # A resistance that is at most so much is between zero and that.
+        values[1] = np.where(np.isnan(values[1]) & np.isfinite(values[2]), 0.0, values[1])
+    visited = [fact.is_visited for fact in facts]
+    columns = [soc, visited, is_open, *(scale * column for column in values)]
     nodes = np.rec.fromarrays(columns, NODE)
     if len(facts) == 1:
         nodes = np.repeat(nodes, 2)
@@ -198,7 +205,7 @@ def _draw_table(axes: Axes, table: DrawnTable) -> None:
     hollow: dict[str, Any] = {**dot, **style.OPEN, "markeredgecolor": style.BLUE}
     for label, is_drawn, mark in (
         ("node", is_visited & table.has_nodes, dot),
-        ("not determined", is_visited & ~is_known, cross),
+        ("not determined", is_visited & nodes["is_open"], cross),
         ("node without samples", ~is_visited, hollow),
     ):
         if is_drawn.any():

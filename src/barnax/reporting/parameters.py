@@ -1,6 +1,7 @@
 """The parameters of a result with their intervals: as CSV, as a data frame, and side by side."""
 
 import math
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +14,6 @@ from ..errors import InputError
 from ..files import csv_text
 from ..over_soc.node_interval import Fact
 from ..results import Result
-from ..uncertainty import Estimate
 from .document import Document, Table, rows_table
 from .render import to_fragment
 from .soc_tables import mean_extent
@@ -37,8 +37,10 @@ if TYPE_CHECKING:
     from ..over_soc.fit import TableFit
     from ..over_soc.fits import TableFits
 
-# A parameter's name, and the SOC that it is at, or of a mean over.
-Key = tuple[str, str]
+# A parameter's name, the SOC that it is at, or of a mean over, and of a pair that not every result
+# has the circuit that it is of.
+Key = tuple[str, str, str]
+OF_PAIRS = re.compile(r"(mean )?(R|C|tau)[1-9]")
 TABLE_HEADS = ("temperature [degC]", "table", "SOC", "value", "low", "high", "visited")
 # States of charge at which tables are compared.
 COMPARED_SOC = (0.1, 0.3, 0.5, 0.7, 0.9)
@@ -68,7 +70,7 @@ def parameters_frame(result: Result) -> "polars.DataFrame":
     import polars as pl
 
     if result.tables is None:
-        rows = [(fact.name, fact.value, fact.low, fact.high) for fact in _constants(result)]
+        rows = [(fact.name, fact.value, fact.low, fact.high) for fact in result.constant.facts]
         number = dict.fromkeys(("value", "low", "high"), pl.Float64)
         return pl.DataFrame(rows, {"parameter": pl.String, **number}, orient="row")
     nodes = [
@@ -100,14 +102,6 @@ def _node_rows(fit: "TableFit") -> Iterable[dict[str, Any]]:
     return [row | everywhere for _, row in sorted(rows.items())]
 
 
-def _constants(result: Result) -> list[Fact]:
-    """The constant circuit's parameters and time constants."""
-    constant = result.constant
-    values = constant.parameters.to_dict().items()
-    estimates = constant.estimates.values() or [Estimate(name, value) for name, value in values]
-    return [Fact(each.name, None, each.value, 0.0, 0.0, each.low, each.high) for each in estimates]
-
-
 def _compared(fit: "TableFit") -> Iterator[Fact]:
     """Means over SOC, tables at a few states of charge between visited nodes, and constants."""
     facts = [*_facts(fit)]
@@ -129,9 +123,12 @@ def _compared(fit: "TableFit") -> Iterator[Fact]:
     yield from (fact for fact in facts if fact.soc is None and not fact.is_mean)
 
 
-def _key(fact: Fact, fit: "TableFit") -> Key:
-    """What has to be alike of two numbers that are compared: a mean over other SOC is another."""
-    return fact.label, mean_extent(fit) if fact.is_mean else percent(fact.soc)
+def _key(fact: Fact, result: Result, are_apart: bool) -> Key:
+    """What has to be alike of two numbers that are compared: a mean over other SOC is another, and
+    so is a pair of a circuit with other pairs."""
+    where = mean_extent(result.fit) if fact.is_mean else percent(fact.soc)
+    of = result.model if are_apart and OF_PAIRS.match(fact.label) else ""
+    return fact.label, where, of
 
 
 def _words(fact: Fact) -> str:
@@ -139,7 +136,7 @@ def _words(fact: Fact) -> str:
     if math.isnan(fact.value):
         return NOT_DETERMINED
     value = with_unit(fact.name, fact.value)
-    if fact.low is None and fact.high is None:
+    if not fact.is_assessed:
         return value
     return f"{value} ({interval_beside(value, fact)})"
 
@@ -216,10 +213,11 @@ def show(*results: Result | str | Path, names: tuple[str, ...] = ()) -> SideBySi
     if len({*names}) != len(loaded):
         raise InputError(f"the names {', '.join(names)} are not {len(loaded)} different ones")
     have_tables = all(result.over for result in loaded)
+    are_apart = len({result.fit.tables.elements for result in loaded}) > 1
     quantities = {
         name: {
-            _key(fact, result.fit): fact
-            for fact in (_compared(result.fit) if have_tables else _constants(result))
+            _key(fact, result, are_apart): fact
+            for fact in (_compared(result.fit) if have_tables else result.constant.facts)
         }
         for name, result in zip(names, loaded, strict=True)
     }
@@ -244,7 +242,7 @@ def show(*results: Result | str | Path, names: tuple[str, ...] = ()) -> SideBySi
         names=names,
         beyond=differing,
         wide={name: _by_symbol(alike) for name, alike in changes.items()},
-        models={result.model for result in loaded},
+        are_apart=are_apart,
         extents=dict.fromkeys(mean_extent(result.fit) for result in loaded if have_tables),
         have_tables=have_tables,
     )
@@ -310,7 +308,7 @@ def _parameters_table(quantities: Mapping[str, Mapping[Key, Fact]]) -> Table:
         heads.insert(4 + 2 * index, f"change to {name}" if len(others) > 1 else "change")
     rows = []
     for key in dict.fromkeys(key for facts in quantities.values() for key in facts):
-        row = [symbol(key[0]), key[1]]
+        row = [f"{symbol(key[0])} of {key[2]}" if key[2] else symbol(key[0]), key[1]]
         for facts in quantities.values():
             row += [_words(facts[key]) if key in facts else NOTHING]
             row += [] if facts is first else [change(key, facts)]

@@ -99,8 +99,12 @@ def nodes_table(fit: "TableFit", where: str = "") -> Table:
 
 def means_table(fit: "TableFit", where: str = "") -> Table:
     """The mean of every table over SOC, with its interval."""
-    means = (fact for fact in fit.facts if fact.is_mean)
-    return _values_table(f"Means{where} {over_soc_words(fit)}.", "mean", means)
+    are_several = any(mean.record_low is not None for mean in fit.means)
+    means = [fact.on_another_record if are_several else fact for fact in fit.facts if fact.is_mean]
+    caption = f"Means{where} {over_soc_words(fit)}."
+    if are_several:
+        caption += " 95 %: what another record of the cell would show."
+    return _values_table(caption, "mean", means)
 
 
 def constants_table(fit: "TableFit", where: str = "") -> Table:
@@ -165,20 +169,21 @@ def headline(view: "View") -> tuple[list[str], list[Row]]:
     fit, records = view.result.fit, len(view.identified)
     are_several = any(mean.record_low is not None for mean in fit.means)
     kind = "another record" if are_several else "this record" if records == 1 else "these records"
+    mean = over_soc_words(fit).replace("over", "mean") if fit.is_over_soc else over_soc_words(fit)
     at_soc = MIDDLE_SOC
     if fit.is_over_soc:
         at_soc = min(visited_soc(fit), key=lambda soc: abs(soc - MIDDLE_SOC))
-    heads = ["", over_soc_words(fit), kind, f"at {100 * at_soc:g} %" if fit.is_over_soc else ""]
+    heads = ["", mean, f"95 %, {kind}", f"at {100 * at_soc:g} %" if fit.is_over_soc else ""]
     rows = []
-    for mean in shown_means(fit):
-        parts = parts_of(mean.name)
-        value = with_unit(mean.name, mean.value)
+    for shown in shown_means(fit):
+        parts = parts_of(shown.name)
+        value = with_unit(shown.name, shown.value)
         middle = ""
         if fit.is_over_soc:
             here = sum(float(fit.tables.at(part, np.array(at_soc))) for part in parts)
-            middle = without_unit(with_unit(mean.name, here), value)
-        own = mean.on_another_record if are_several else mean
-        row = [short_name(mean.name), value, _interval_of(own, value, view), middle]
+            middle = without_unit(with_unit(shown.name, here), value)
+        own = shown.on_another_record if are_several else shown
+        row = [short_name(shown.name), value, _interval_of(own, value, view), middle]
         rows.append((*row, *_taus(parts, view)))
     for fact in _constants(fit):
         name, is_shown = fact.name, fact.name not in (*fit.tables.tables, *_law_numbers(fit))
@@ -207,7 +212,8 @@ def _by_temperature(view: "View") -> tuple[list[str], list[Row]]:
     fits, over = view.result.fits.fits, view.over_temperature
     assert over is not None, "asked of several temperatures"
     names = [mean.name for mean in fits[0].means if len(parts_of(mean.name)) == 1]
-    heads = [over_soc_words(view.result.fit), *map(symbol, names), "RMSE", "unseen", "left out"]
+    mean = over_soc_words(view.result.fit).replace("over", "mean")
+    heads = [mean, *map(symbol, names), "RMSE", "unseen", "left out"]
     rows: list[tuple[str, ...]] = []
     for fit, left in zip(fits, over.left_out, strict=True):
         held = fit.cross_validation

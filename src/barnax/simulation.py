@@ -197,8 +197,8 @@ def simulate_current(
     if len(far):
         raise InputError(
             f"{NAME} takes the cell to a state of charge of {soc[far[0]]:.3f} at "
-            f"{time_s[far[0]]:g} s (sample {far[0]}), but its OCV is known from {low:.3f} to "
-            f"{high:.3f} only; {REMEDY}, or end before"
+            f"{time_s[far[0]]:g} s (sample {far[0]}), but its OCV and the records identified on "
+            f"reach from {lowest:.3f} to {highest:.3f} only; {REMEDY}, or end before"
         )
     given = Decision("forward", "given", "made so")
     record = Record(

@@ -16,9 +16,12 @@ def roles(outcome):
     return {role.name: role for role in outcome.roles}
 
 
-def test_a_voltage_that_never_moves_is_named_and_not_the_current(tmp_path):
-    table = frame("identification").with_columns(pl.lit(3.7).alias(VOLTAGE))
-    outcome = checked(tmp_path, table)
+@pytest.mark.parametrize("noise_v", [0.0, 1e-4])
+def test_a_voltage_that_never_moves_is_named_and_not_the_current(tmp_path, noise_v):
+    """Nor one that stands still but for a digit of noise."""
+    stuck = 3.7 + noise_v * (pl.int_range(pl.len()) % 2)
+    outcome = checked(tmp_path, frame("identification").with_columns(stuck.alias(VOLTAGE)))
+    assert "voltage-unit.constant" in {finding.code for finding in outcome.findings}
     found = roles(outcome)
     for role in ("identification", "validation"):
         assert (found[role].is_usable, found[role].reason) == (False, "every voltage is 3.7 V")

@@ -68,12 +68,12 @@ class SuggestedWindow:
 
     @property
     def advice(self) -> str:
-        """The options to give where not all of a record is to be simulated."""
+        """The options that `identify` takes where not all of a record is to be simulated."""
         options = [
             f"`{name.removesuffix('_s')}={','.join(f'{n:.10g}' for n in np.atleast_1d(value))}`"
             for name, value in self.options.items()
         ]
-        return f"give {' '.join(options)}" if options else ""
+        return f"identify takes {' '.join(options)}" if options else ""
 
 
 @dataclass(frozen=True)

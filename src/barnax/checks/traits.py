@@ -18,6 +18,7 @@ from ..records import Record
 from ..records.lag import Lag, find_lag, require_lag
 from ..records.record import Segments, degc_in_name, reach
 from ..records.samples import Samples
+from ..records.scale import STILL_V
 from ..records.table import Place, found_at
 
 _FEWEST_READINGS, _MAX_STEPS, _FEWEST_ANSWERS = 20, 0.9, 3
@@ -285,7 +286,7 @@ def traits_of(given: CheckInput) -> Traits:
         longest_discharge_ah=float(out_ah.max()),
         interval_s=float(np.median(loaded_s)) if len(loaded_s) else np.inf,
         steep_v=travel_v if answered >= _FEWEST_ANSWERS and 0 < bulk_s < STEEP_S else 0.0,
-        constant_v=None if np.ptp(record.voltage_v) else float(record.voltage_v[0]),
+        constant_v=float(record.voltage_v[0]) if np.ptp(record.voltage_v) <= STILL_V else None,
         temperature_degc=degc,
     )
 

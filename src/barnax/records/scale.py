@@ -183,6 +183,8 @@ _NEARLY_ALL = 0.95
 _LEAST_V, _FULL_V = 1.5, 5.0
 # The voltage by which cells in series are counted.
 _NOMINAL_V = 3.6
+# A voltage that moves by no more is stuck, with a digit of noise.
+STILL_V = 2e-4
 
 
 def examine_voltage_unit(samples: Samples) -> Samples:
@@ -226,8 +228,8 @@ def examine_voltage_unit(samples: Samples) -> Samples:
         samples = mended("voltage-unit.open", 1.0)
     elif 0 < middle_v < _KILOVOLT_V and not is_given:
         samples = mended("voltage-unit.kilo", 1e3)
-    elif voltage_v.min() == voltage_v.max():
-        samples = mended("voltage-unit.constant", 1.0)
+    elif (moved_v := float(np.ptp(voltage_v))) <= STILL_V:
+        samples = mended("voltage-unit.constant", 1.0, moved_v=moved_v or None)
     return samples
 
 

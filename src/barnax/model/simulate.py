@@ -246,7 +246,13 @@ def _squared_errors(rc: RCParameters, inputs: SimulationInput) -> Float[Array, "
     filled = jax.tree.map(
         lambda own: jnp.pad(own, (0, scans * lanes - count), mode="edge").reshape(scans, lanes), rc
     )
-    totals = lax.map(lambda rc: _Population(rc, inputs).squared_errors(), filled)
+
+    def squared_errors(rc: RCParameters) -> Float[Array, "lanes"]:
+        return _Population(rc, inputs).squared_errors()
+
+    if scans == 1:
+        return squared_errors(jax.tree.map(lambda own: own[0], filled))[:count]
+    totals = lax.map(squared_errors, filled)
     return totals.reshape(-1)[:count]
 
 

@@ -1,6 +1,6 @@
 """Triangular factors of many rows: what sums of squares of all combinations of columns need."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from functools import reduce
 from typing import Any
 
@@ -39,9 +39,9 @@ def update_triangular(factor: Triangle, rows: Rows) -> Triangle:
     return factor
 
 
-def join_triangles(triangles: Sequence[Triangle]) -> Triangle:
+def join_triangles(triangles: Iterable[Triangle]) -> Triangle:
     """The triangular factor of some triangular ones."""
-    tpqrt: Any = get_lapack_funcs("tpqrt", triangles[:1])
+    tpqrt: Any = get_lapack_funcs("tpqrt")
 
     def joined(own: Triangle, other: Triangle) -> Triangle:
         return tpqrt(len(own), reflectors(len(own)), own, other)[0]

@@ -125,8 +125,9 @@ def reduce_records(
                     chains[chain] = pool.submit(before.joined_by, block, is_own)
         found = []
         for group, number in enumerate(scored.tolist()):
-            done = [chain.result() for (own, _), chain in chains.items() if own == group]
-            own = [triangle.reduced(layout, number) for triangle in done]
+            # Each is let go once it is put in order: one is as large as what is made of it.
+            done = [chains.pop(chain) for chain in sorted(chains) if chain[0] == group]
+            own = [done.pop(0).result().reduced(layout, number) for _ in range(len(done))]
             own = own or [_Triangle.empty(layout, order).reduced(layout, number)]
             found.append(replace(_joined(own), scored=number))
         return found
@@ -190,12 +191,14 @@ class _Triangle:
 
 def _joined(parts: Sequence[Reduced]) -> Reduced:
     """The factor of the samples of all, triangular as theirs."""
+    if not parts[1:]:
+        return parts[0]
     order = parts[0].order
     assert order is not None
     used = np.flatnonzero(np.any([part.factor.any(axis=0) for part in parts], axis=0)[order])
     at, columns = np.ix_(order[used], used), np.zeros_like(parts[0].factor.T)
     if used.size:
-        columns[at] = join_triangles([part.factor.T[at].T for part in parts]).T
+        columns[at] = join_triangles(part.factor.T[at].T for part in parts).T
     return Reduced(parts[0].layout, sum(part.scored for part in parts), columns.T, order)
 
 

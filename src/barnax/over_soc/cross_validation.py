@@ -115,9 +115,7 @@ def cross_validate(objective: TableObjective, best: Solution) -> CrossValidation
         return None
     if objective.tables > 1 + objective.pairs or objective.nodes > 1:
         plain = replace(objective.settings, nodes=ANYWHERE, ocv_correction=False)
-        flat = [part.coarser() for part in objective.parts]
-        whole = objective.reduced.coarser()
-        flat = replace(objective, reduced=whole, settings=plain, parts=flat)
+        flat = replace(objective, reduced=objective.reduced.coarser(), settings=plain)
         constant = _held_out_errors(flat, find_best(flat))
     records, block_s, by_record = objective.prepared_records, None, ()
     if not objective.is_kept:
@@ -211,7 +209,9 @@ class _Groups:
     def of(cls, objective: TableObjective, best: Solution) -> "_Groups":
         layout, parts = objective.reduced.layout, objective.parts
         # From those of the factor, each of which adds to few: by one sparse product for each group.
-        unit = Reduced(layout, 1, np.eye(layout.width))
+        finest = parts[0].layout
+        unit = Reduced(finest, 1, np.eye(finest.width))
+        unit = unit.coarser(layout.nodes, layout.has_correction)
         columns, base = replace(objective, reduced=unit).columns(best.log_scales)
         few = csr_array(np.column_stack([columns, base]).T)
         found = [(few @ part.factor.T).T / math.sqrt(max(part.scored, 1)) for part in parts]

@@ -55,7 +55,8 @@ class TableObjective(LinearObjective):
 
     `ranges` are those of every pair's time constant in s, then of gamma where there is one, by
     name; `LogScales` are the logarithms of these. `reduced` is the factor of all scored samples,
-    `parts` those of the groups of `blocks_of`; `smoothing_scale` scales all smoothing weights.
+    `parts` those of the groups of `blocks_of`, whose nodes may be finer; `smoothing_scale` scales
+    all smoothing weights.
     Records that were kept (`is_kept`) are without samples, and stand in place of prepared ones.
     """
 

@@ -21,7 +21,7 @@ from ..model.exponentials import span_through
 from ..model.intervals import AT_ONCE
 from ..model.layout import Layout, span_ends, spans_between
 from ..model.prepared import PreparedRecord
-from ..model.reduced import Groups, Reduced, reduce_records, scored_alone, together
+from ..model.reduced import Groups, reduce_records, scored_alone, together
 from ..model.sampling import FASTEST_TAU_S
 from ..model.search_space import RATE_RANGE, Range
 from ..records.record import LEAST_REACH, reach_of_steps
@@ -52,6 +52,8 @@ def reduced_objective(
     )
     # What is shortened is no triangle any more, of which a side is taken.
     whole = together(parts) if beside_v is None else parts[0]
+    # A group visits few nodes: most rows of its triangle are empty.
+    parts = [replace(part, factor=part.factor[part.factor.any(axis=1)]) for part in parts]
     return TableObjective(list(prepared_records), settings, ranges, whole, parts)
 
 
@@ -85,14 +87,10 @@ def coarsened(
     finest: TableObjective, prepared_records: Sequence[PreparedRecord], settings: TableSettings
 ) -> TableObjective:
     """The objective of a circuit with fewer nodes, pairs, or no correction of the OCV, from the
-    factors of a finer one on the same records."""
+    factors of a finer one on the same records, whose parts it shares."""
     ranges = box_of(prepared_records, settings)
-
-    def coarser(reduced: Reduced) -> Reduced:
-        return reduced.coarser(settings.nodes, settings.ocv_correction)
-
-    parts = tuple(map(coarser, finest.parts))
-    return TableObjective(list(prepared_records), settings, ranges, coarser(finest.reduced), parts)
+    reduced = finest.reduced.coarser(settings.nodes, settings.ocv_correction)
+    return TableObjective(list(prepared_records), settings, ranges, reduced, finest.parts)
 
 
 def held_at(names: Iterable[str], log_scales: Sequence[float]) -> dict[str, Range]:

@@ -50,16 +50,24 @@ def test_help_answers_without_jax(words):
     assert not loaded_by(code) & HEAVY
 
 
-def test_a_file_is_checked_without_jax_and_figures():
+@pytest.mark.parametrize("command", ["check", "convert"])
+def test_a_file_is_checked_and_converted_without_jax_and_figures(command, tmp_path):
+    beside = ["--out", str(tmp_path / "converted.csv")] if command == "convert" else []
     code = (
         "import sys; from barnax import bundled_file\n"
-        "sys.argv = ['barnax', 'check', str(bundled_file('ocv_charge'))]\n"
+        f"sys.argv = ['barnax', {command!r}, str(bundled_file('ocv_charge')), *{beside}]\n"
         "from barnax.__main__ import main\n"
         "try: main()\n"
         "except SystemExit: pass"
     )
     assert "polars" in (loaded := loaded_by(code))
     assert not loaded & {"jax", "equinox", "optimistix", "matplotlib"}
+
+
+def test_a_screen_needs_no_figures():
+    loaded = loaded_by("from barnax.reporting import first_screen; first_screen.first_screen")
+    assert "numpy" in loaded
+    assert "matplotlib" not in loaded
 
 
 def test_the_version_is_one_everywhere():

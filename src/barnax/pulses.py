@@ -260,3 +260,10 @@ def levels(pulses: Sequence[Pulse]) -> list[tuple[Pulse, ...]]:
             rates.append([])
         rates[-1].append(pulse)
     return [tuple(sorted(level, key=lambda pulse: -pulse.soc)) for level in rates]
+
+
+def rate_label(level: Sequence[Pulse], capacity_ah: float) -> str:
+    """The direction and rate of pulses, such as "discharge at 1C (2 A)"."""
+    current_a = float(np.median([pulse.current_a for pulse in level]))
+    way = "discharge" if current_a > 0 else "charge"
+    return f"{way} at {abs(current_a) / capacity_ah:.2g}C ({abs(current_a):.3g} A)"

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from ..cell import CellModel
 from ..cell.parameters import OCV
-from ..pulses import STANDARD_S, Pulse, levels, pulse_samples
+from ..pulses import STANDARD_S, Pulse, levels, pulse_samples, rate_label
 from . import style
 
 if TYPE_CHECKING:
@@ -196,13 +196,6 @@ def _from_zero(panels: Iterable[Axes]) -> None:
     """Let the scale that panels share begin at zero and hold what is drawn in all of them."""
     for axes in panels:
         axes.set_ylim(bottom=0.0)
-
-
-def rate_label(level: Sequence[Pulse], capacity_ah: float) -> str:
-    """The direction and rate of pulses, such as "discharge at 1C (2 A)"."""
-    current_a = float(np.median([pulse.current_a for pulse in level]))
-    way = "discharge" if current_a > 0 else "charge"
-    return f"{way} at {abs(current_a) / capacity_ah:.2g}C ({abs(current_a):.3g} A)"
 
 
 def _rate_panels(

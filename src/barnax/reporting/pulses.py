@@ -9,8 +9,7 @@ import numpy as np
 from ..cell.model import REFERENCE_DEGC, SAME_DEGC
 from ..errors import escaped
 from ..files import csv_text
-from ..plots.cell import rate_label
-from ..pulses import STANDARD_S, Pulse, levels
+from ..pulses import STANDARD_S, Pulse, levels, rate_label
 from .document import Block, Bullets, Table, make_table
 from .wording import sentences
 from .words import NOTHING, aligned, fixed

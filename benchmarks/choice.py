@@ -28,7 +28,7 @@ from barnax.model.reference import errors_along
 from barnax.over_soc.fit import visited_soc
 from barnax.pipeline import with_ocv_test
 from barnax.records.hold import sampled_as
-from barnax.run_setup import bounded_tables, own_ocv_of, with_registered_starts
+from barnax.run_setup import bounded_tables, own_ocv_of
 from barnax.select.choose import Bench, Fitted
 from barnax.select.family import NODE_LADDER, Point, limits_of
 from benchmarks.pages import as_markdown, provenance, publish
@@ -111,9 +111,9 @@ def row_of(cell: Cell, used: Sequence[int], others: Sequence[int]) -> Row:
         unused.append(prepare_record(record, tested, CIRCUITS[1], window))
     bench = Bench(prepare, tables, limits_of(tested, tables))
     with one_blas_thread():
-        answer = with_registered_starts(bench.chosen().chosen, tables)
+        answer = bench.chosen().chosen
         family = [
-            with_registered_starts(bench.fit(Point(circuit, nodes)), tables)
+            bench.registered(bench.fit(Point(circuit, nodes)))
             for circuit, nodes in itertools.product(CIRCUITS, NODE_LADDER)
         ]
     best_v, best = min((error_v(fitted, unused), named(fitted)) for fitted in family)

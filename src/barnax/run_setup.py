@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-from .cell import Dependence, get_circuit
+from .cell import get_circuit
 from .cell.parameters import RATE
 from .execution import in_float64
 from .global_optimum.search import (
@@ -26,7 +26,7 @@ from .over_soc.fits import TableFits
 from .over_soc.own_ocv import OwnOcv, fit_own_temperatures, prove_own
 from .over_soc.own_starts import OwnRecords, Starts
 from .over_soc.problem import find_best, reduced_objective
-from .over_soc.registration import ROUNDS, SETTLED, register, with_start
+from .over_soc.registration import ROUNDS, SETTLED, with_start
 from .over_soc.settings import TableSettings
 from .records import Record
 from .select.choose import Choice, Fitted, Tried, choose
@@ -184,7 +184,7 @@ def set_up(first: Problem, inputs: Inputs, windows: Mapping[str, Window], job: J
         return with_better_directions(made).prepared_records
 
     choice = choose(prepare, tables, limits)
-    chosen = with_registered_starts(choice.chosen, tables)
+    chosen = choice.chosen
     problem, point = first, chosen.point
     registered = chosen.objective.prepared_records
     if point.is_constant and point.circuit != first.circuit:
@@ -204,23 +204,6 @@ def _on_windows(problem: Problem, registered: Sequence[PreparedRecord]) -> Probl
         return problem
     records = tuple(own.in_window(windows[own.record.name]) for own in problem.prepared_records)
     return replace(problem, prepared_records=records)
-
-
-@in_float64
-def with_registered_starts(chosen: Fitted, tables: TableSettings) -> Fitted:
-    """The chosen circuit with starts and capacities of several records registered by each other."""
-    told = chosen.objective.prepared_records
-    if len(told) < 2 or tables.keep_starts or not tables.ocv_correction:
-        return chosen
-    own = chosen.objective.settings
-    records = register(told, replace(own, ocv_correction=True))
-    known = records[0].window.registration
-    if known is None or records[0].window == told[0].window:
-        return chosen
-    law = Dependence(**{**known.follows}) if known.follows else None  # pyrefly: ignore
-    records = [record.following(law) for record in records]
-    objective = reduced_objective(records, own)
-    return Fitted(replace(chosen.point, law=law), objective, find_best(objective), chosen.loss)
 
 
 def bounded_tables(job: Job, but: str | None = None) -> TableSettings:

@@ -175,7 +175,8 @@ class StatedBench(Bench):
         # Blocks differ, and by as much from circuit to circuit.
         spread = 1 + 0.02 * np.random.default_rng(len(point.nodes)).standard_normal((30, 3))
         loss = HeldOut(counts * self.rms_v[len(point.nodes)] ** 2 * spread, counts)
-        return Fitted(point, SimpleNamespace(), SimpleNamespace(rms_v=0.0), loss)
+        objective = SimpleNamespace(settings=self.settings)
+        return Fitted(point, objective, SimpleNamespace(rms_v=0.0), loss)
 
 
 @pytest.mark.parametrize(
@@ -190,3 +191,34 @@ class StatedBench(Bench):
 def test_nodes_that_gain_too_little_do_not_hide_finer_ones(rms_v, nodes):
     """But finer ones are not looked at behind nodes that are worse."""
     assert len(StatedBench(rms_v).chosen().chosen.point.nodes) == nodes
+
+
+def test_pairs_of_one_time_constant_are_left_out(cell):
+    settings = TableSettings(resistances_follow="none")
+    for tau_s, is_left_out in [((8.0, 150.0), True), ((5.0, 50.0, 450.0), False)]:
+        prepare = driven(cell, tau_s, (0.012,) * len(tau_s))
+        bench = Bench(prepare, settings, limits_of(cell, settings))
+        answer = bench._with_determined_pairs(bench.fit(Point("3rc")))
+        assert answer.point.circuit == ("so-rc" if is_left_out else "3rc")
+        assert [one.circuit for one in bench.tried] == ["so-rc"] * is_left_out
+
+
+def test_circuits_are_compared_at_starts_that_records_tell_each_other(cell):
+    """Said to start too full and too empty, which looks like more nodes near empty."""
+    off_soc = 0.008
+    drives = [driven(cell, (8.0, 150.0), (0.01, 0.02), seed=seed) for seed in (1, 2)]
+
+    def prepare(circuit):
+        return [
+            own.in_window(replace(own.window, initial_soc=0.98 + side * off_soc))
+            for drive, side in zip(drives, (1, -1), strict=True)
+            for own in drive(circuit)
+        ]
+
+    settings = TableSettings(resistances_follow="none")
+    choice = choose(prepare, settings, limits_of(cell, settings))
+    assert choice.chosen.point == Point("so-rc")
+    starts = [own.start.soc for own in choice.chosen.objective.prepared_records]
+    np.testing.assert_allclose(starts, 0.98, atol=0.2 * off_soc)
+    kept = choose(prepare, replace(settings, keep_starts=True), limits_of(cell, settings))
+    assert not kept.chosen.point.is_constant

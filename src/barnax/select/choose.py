@@ -9,11 +9,14 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from jaxtyping import Int
 
+from ..cell import Dependence
+from ..cell.parameters import OHMIC
 from ..execution import in_float64
 from ..model.prepared import PreparedRecord
 from ..over_soc.cross_validation import HeldOut, SocErrors, held_out
 from ..over_soc.dependence import laws_for, propose
 from ..over_soc.intervals import intervals_of
+from ..over_soc.node_interval import parts_of
 from ..over_soc.objective import Solution, TableObjective
 from ..over_soc.problem import (
     box_of,
@@ -23,6 +26,7 @@ from ..over_soc.problem import (
     numbered_blocks,
     reduced_objective,
 )
+from ..over_soc.registration import register
 from ..over_soc.settings import TableSettings
 from .family import HYSTERESES, RUNGS, Ladder, Limits, Point
 from .policy import Gain, Policy
@@ -120,7 +124,23 @@ class Bench:
         self.tried.append(_tried(None, chosen, None))
         if chosen.loss is None:
             # Nothing can be held out, and nothing speaks for more.
-            return Choice(chosen, tuple(self.tried))
+            return Choice(self.registered(chosen), tuple(self.tried))
+        chosen = self._climbed(chosen)
+        answer = self.registered(chosen)
+        if answer is not chosen:
+            # A start that was off looks like what a richer circuit has: asked again without it.
+            windows = {own.record.name: own.window for own in answer.objective.prepared_records}
+
+            def prepare(circuit: str) -> list[PreparedRecord]:
+                return [own.in_window(windows[own.record.name]) for own in self.prepare(circuit)]
+
+            again = replace(self, prepare=prepare)
+            chosen = again._climbed(again.fit(answer.point))
+            answer = answer if chosen.point == answer.point else self.registered(chosen)
+        return Choice(self._with_determined_pairs(answer), tuple(self.tried))
+
+    def _climbed(self, chosen: Fitted) -> Fitted:
+        """The circuit from which no rung leads further, without those that are worth nothing."""
         laws = self._laws_to_try(chosen.point)
         while True:
             # A hysteresis that was worth nothing beside a simpler circuit waits for all else.
@@ -133,7 +153,7 @@ class Bench:
                 or self._best_of(chosen, self._richer(chosen.point, waiting))
             )
             if step is None:
-                return Choice(self._without_needless(chosen), tuple(self.tried))
+                return self._without_needless(chosen)
             # A law was tried at the time constants of the circuit before.
             chosen = self.fit(step.point) if step.point.law != chosen.point.law else step
             if self._is_like_ocv(chosen):
@@ -157,6 +177,38 @@ class Bench:
                 self.tried.append(_tried("without", simpler, gain))
                 return self._without_needless(simpler)
         return chosen
+
+    def _with_determined_pairs(self, answer: Fitted) -> Fitted:
+        """The same without pairs of nearly one time constant, of which only the sum is determined,
+        and without one whose resistance is zero wherever samples are."""
+        for point in self.limits.simpler(answer.point):
+            if point.kind != answer.point.kind or point.pairs == answer.point.pairs:
+                continue
+            intervals = intervals_of(answer.objective, answer.best)
+            means = [one for one in intervals if one.soc is None and one.name.startswith("R")]
+            are_alike = any(len(parts_of(one.name)) > 1 for one in means)
+            if are_alike or any(one.low is None for one in means if one.name != OHMIC):
+                simpler = self.fit(point)
+                self.tried.append(_tried("without", simpler, None))
+                return self._with_determined_pairs(self.registered(simpler))
+        return answer
+
+    @in_float64
+    def registered(self, chosen: Fitted) -> Fitted:
+        """A circuit with starts and capacities of several records registered by each other."""
+        told, settings = self.records_of(chosen.point), self.settings
+        is_told = settings.keep_starts or not settings.ocv_correction or self.limits.has_ocv
+        if is_told or len(told) < 2:
+            return chosen
+        own = chosen.objective.settings
+        records = register(told, replace(own, ocv_correction=True))
+        known = records[0].window.registration
+        if known is None or records[0].window == told[0].window:
+            return chosen
+        law = Dependence(**{**known.follows}) if known.follows else None  # pyrefly: ignore
+        objective = reduced_objective([record.following(law) for record in records], own)
+        best = find_best(objective)
+        return Fitted(replace(chosen.point, law=law), objective, best, chosen.loss)
 
     def _richer(self, point: Point, ladders: Collection[Ladder]) -> Iterator[tuple[Ladder, Fitted]]:
         """The circuits that are one rung of these ladders away."""

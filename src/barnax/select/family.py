@@ -52,6 +52,11 @@ class Point:
         return circuit.has_rate, circuit.has_hysteresis
 
     @property
+    def pairs(self) -> int:
+        """Number of RC pairs."""
+        return get_circuit(self.circuit).pairs
+
+    @property
     def is_constant(self) -> bool:
         """True where resistances have one value at every SOC."""
         return len(self.nodes) == 1

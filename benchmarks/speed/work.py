@@ -1,5 +1,7 @@
 """The rows of the table, all in the same turns."""
 
+from importlib.util import find_spec
+
 import numpy as np
 from scipy.optimize import OptimizeResult
 
@@ -15,6 +17,8 @@ from .sizes import POPULATION, Sizes
 from .turns import Run, Taken, take_turns
 
 LARGE = 900
+# Packages that only who times them needs, by their run.
+EXTRA = {"cma": "cmaes", "mealpy": "mealpy"}
 # Two optima of one problem that are the same optimum.
 SAME = 1e-3
 
@@ -83,13 +87,18 @@ def time_searches(name: str, kernel: Kernel, sizes: Sizes) -> tuple[list[Row], l
         ),
         "certified": Run(keep("certified", lambda: barnax.find_global_optimum(bundled_problem()))),
         "cma": Run(keep("cma", filtered.adapt)),
-        "projection": Run(keep("projection", filtered.project), calls=5),
+        "mealpy": Run(keep("mealpy", lambda: filtered.mate(*budget))),
+        "projection": Run(
+            keep("projection", lambda: Filtered(bundled_problem()).project()), calls=5
+        ),
         "seeds": Run(
             keep("seeds", lambda: identify(bundled_problem("compressed"), sizes, sizes.seeds))
         ),
         "nodes": Run(lambda: kernel(node_lanes, *arrays), calls=10),
         "reduction": Run(lambda: reduce_record(short), calls=3),
     }
+    absent = {run for run, package in EXTRA.items() if find_spec(package) is None}
+    runs = {name: run for name, run in runs.items() if name not in absent}
     taken = take_turns(runs, sizes.turns)
     search = f"full search {POPULATION} x {sizes.generations}"
     evaluations = f"{POPULATION * sizes.generations:,} evaluations"
@@ -99,6 +108,7 @@ def time_searches(name: str, kernel: Kernel, sizes: Sizes) -> tuple[list[Row], l
     optimum = "global optimum, the reduction included"
     proved = "`make_problem` and `find_global_optimum(problem)`"
     single = "the program of one seed; a search by `identify` runs eight seeds at a time"
+    projection = "lfilter + variable projection on a grid, the record prepared, unproved"
     trf = f"lfilter + least_squares TRF, {sizes.starts} starts"
     rows = [
         _faster(f"{search}, scan", taken, "scan", "de", de, 15.0, note=single),
@@ -115,11 +125,13 @@ def time_searches(name: str, kernel: Kernel, sizes: Sizes) -> tuple[list[Row], l
                 note="`make_problem` and `find_global_optimum(problem, prove=False)`"),
         _faster(f"{optimum}, with its certificate", taken, "certified", "de", de, 30.0,
                 note=proved),
-        *(_faster(f"{optimum}, with its certificate", taken, "certified", peer, baseline, None,
+        *(_faster(f"{optimum}, with its certificate", taken, "certified", peer, baseline, aim,
                   note=proved)
-          for peer, baseline in (
-              ("trf", trf), ("cma", "lfilter + CMA-ES, until it stops"),
-              ("projection", "lfilter + variable projection on a grid, unproved"))),
+          for peer, baseline, aim in (
+              ("trf", trf, 8.0), ("cma", "lfilter + CMA-ES, until it stops", None),
+              ("mealpy", f"lfilter + mealpy's BMO, {evaluations}", None),
+              ("projection", projection, None)) if peer not in absent),
+        _at_most(f"{optimum}, not proved", taken, "optimum", "projection", projection, 1.0),
     ]  # fmt: skip
     return rows, _what_was_found(found)
 
@@ -144,7 +156,12 @@ def _what_was_found(found: dict) -> list[str]:
         f"{sum(each < best for each in filtered)} of {len(filtered)} starts at the optimum, "
         f"{sum(each.nfev for each in found['trf'])} evaluations without those of its Jacobians",
         f"SciPy DE: {1e3 * found['de'].fun:.4f} mV",
-        f"CMA-ES: {1e3 * found['cma'].fun:.4f} mV, {found['cma'].nfev:,} evaluations",
+        *(
+            f"{package}: {1e3 * found[run].fun:.4f} mV"
+            if run in found
+            else f"{package} is not installed, and not compared"
+            for run, package in EXTRA.items()
+        ),
         f"variable projection: {1e3 * rmse_of(found['projection']):.4f} mV, unproved",
         f"ibmo, best of all seeds: {1e3 * found['seeds'].best.rmse_v:.4f} mV",
     ]

@@ -12,9 +12,9 @@ HEAD = """# Notices
 
 What does a warning mean, and how does a program act on it? Every warning, finding of a check and
 refusal has a code. `result.warnings`, `result.notes` and the findings of `barnax.check_file` are
-`barnax.Notice`s, which print as their sentence; an `InputError` has its code in `code`. `result.json`
-and `barnax check --json` hold code, file, row, numbers and words, and a fleet's dataset has the
-columns `warning codes` and `error code`.
+`barnax.Notice`s, which print as their sentence; an `InputError` has its code in `code`.
+`result.json` and `barnax check --json` hold code, file, row, numbers and words, and a fleet's
+dataset has the columns `warning codes` and `error code`.
 
 ```python
 import barnax

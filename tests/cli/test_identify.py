@@ -45,6 +45,13 @@ def test_a_run_writes_the_result_its_timings_its_list_and_the_figures(finished):
     assert all(seconds >= 0 for seconds in timings.values())
 
 
+def test_a_name_may_be_that_of_a_file_in_the_folder(refuse, tmp_path):
+    (tmp_path / "cell").mkdir()
+    (tmp_path / "cell" / "ocv.csv").write_text("")
+    assert "ocv.csv: the file is empty" in refuse("identify", "cell", "--ocv", "ocv.csv")
+    assert "other.csv: there is no such file" in refuse("identify", "cell", "--ocv", "other.csv")
+
+
 def test_the_golden_result_is_what_this_run_gives(finished, result):
     if golden.IS_WRITING:
         golden.RESULT.write_bytes((finished.folder / "result.json").read_bytes())

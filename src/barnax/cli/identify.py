@@ -157,8 +157,10 @@ def hppc(options: Identification, on: PulseTests) -> None:
 def _run(
     command: Literal["identify", "hppc"], options: Identification, records: list[Path]
 ) -> None:
-    inputs = [*records, *options.job.get("ocv", ()), *options.job.get("validate", ())]
-    run = options.output.begun(DEFAULT_FOLDER, inputs)
+    named = [*options.job.get("ocv", ()), *options.job.get("validate", ())]
+    # A name may be that of a file in the folder.
+    inputs = [path for path in named if not any((each / path).exists() for each in records)]
+    run = options.output.begun(DEFAULT_FOLDER, [*records, *inputs])
     run.load_jax()
     promise = None if options.design is None else barnax.Design.load(options.design)
     if run.folder is not None:

@@ -62,6 +62,8 @@ def by_name(found):
     roles = "identification", "OCV test", "validation"
     records, ocv, validate = ([part.path for part in found.of_role(role)] for role in roles)
     named = plan_of(barnax.Job(records, ocv=list(dict.fromkeys(ocv)), validate=validate))
+    told = [part.reason for part in named.parts if part.plans_soc and part.is_simulated]
+    assert all(" ends" in reason or "is full" in reason for reason in told)
     return windows(named), named.options
 
 

@@ -38,7 +38,7 @@ from .choosing import options_of, plan
 from .document import SIMULATED, Part, Plan, Use, plan_from_toml
 from .draft import Draft
 from .looking import look
-from .ocv import OcvChoice, Started
+from .ocv import SHOWN, OcvChoice, Started
 
 Asked = TypeVar("Asked", bound=Job)
 
@@ -89,8 +89,9 @@ def plan_given(job: Job, command: Literal["identify", "hppc"] = "identify") -> P
         elif role in SIMULATED:
             choice = draft.start_given(file, tests, job.cell)
             choices += [choice] if choice else []
+        suggested, words = file.suggested, draft.starts.get(file, SHOWN).words
         is_planned = role in SIMULATED and draft.window(file) != file.chosen
-        draft.take(file, role, file.suggested.reason if is_planned and file.suggested else "")
+        draft.take(file, role, suggested.reason + words if is_planned and suggested else "")
     records = looked[: len(given["identification"])]
     is_open = choices and job.ocv_capacity is None
     options, reasons = options_of(draft, records, choices[0]) if is_open else ({}, {})

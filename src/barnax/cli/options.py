@@ -236,8 +236,12 @@ class Command(TyperCommand):
         panels: dict[str, list[tuple[str, str]]] = {ARGUMENTS: []}
         for shown in self.get_params(ctx):
             flags = "/".join([", ".join(sorted(shown.opts)), *shown.secondary_opts])
-            is_argument, text = shown.param_type_name == "argument", shown.help or ""
-            words = shown.metavar if is_argument else f"{flags} {shown.metavar or ''}".strip()
+            is_argument, text = (
+                shown.param_type_name == "argument",
+                getattr(shown, "help", None) or "",
+            )
+            metavar = shown.metavar or ""
+            words = metavar if is_argument else f"{flags} {metavar}".strip()
             panel = getattr(shown, "rich_help_panel", None) or "Output"
             if not is_whole:
                 panel = panel if is_argument else "Options"

@@ -91,3 +91,11 @@ def test_what_contradicts_itself_is_refused_by_the_name_of_its_record():
     given = {"start_time": ["b.csv=60"], "start_after_step": ["b.csv=3"]}
     with pytest.raises(InputError, match=r"^b\.csv: give `start_time` or `start_after_step`"):
         windows_of(given)
+
+
+@pytest.mark.parametrize("words", [["--nodes", "5"], ["--folds=0"], ["--no-rising-ocv"]])
+def test_a_flag_that_is_a_key_of_a_plan_is_refused_with_the_way_there(words):
+    refused = CliRunner().invoke(app, ["identify", *words])
+    said = " ".join(refused.output.split())
+    assert refused.exit_code == 2
+    assert f"{words[0].split('=')[0]} is no option" in said and "--plan" in said

@@ -223,6 +223,17 @@ def options_of(*names: str) -> Any:
 class Command(TyperCommand):
     """A command whose help is a screen."""
 
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """As ever, but for a flag that is a key of a plan, which is said with the way there."""
+        for flag in (word.split("=")[0] for word in args):
+            if flag.removeprefix("--no-").lstrip("-").replace("-", "_") in RESEARCH:
+                key = flag.removeprefix("--").replace("-", "_")
+                raise typer.BadParameter(
+                    f"{flag} is no option: write the plan with `barnax identify ... --plan`, set "
+                    f"{key} in it, and identify the plan; in Python it is an argument"
+                )
+        return super().parse_args(ctx, args)
+
     def get_help(self, ctx: Any) -> str:
         """All options where they take a screen at most or are asked for, else the usual ones."""
         whole = self._help(ctx, is_whole=True)

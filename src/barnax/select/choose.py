@@ -58,7 +58,8 @@ class Tried:
         follows: What resistances follow beside SOC.
         rmse_v: sqrt(J) of its best fit.
         held_out: Errors on blocks that were held out.
-        gain: By how much its loss is lower than that of the circuit before; None of the first.
+        gain: By how much its loss is lower than that of the circuit before; None of the first, and
+            of that at starts which records tell each other.
         outcome: What became of it.
     """
 
@@ -135,7 +136,9 @@ class Bench:
                 return [own.in_window(windows[own.record.name]) for own in self.prepare(circuit)]
 
             again = replace(self, prepare=prepare)
-            chosen = again._climbed(again.fit(answer.point))
+            chosen = again.fit(answer.point)
+            self.tried.append(_tried("starts", chosen, None))
+            chosen = again._climbed(chosen)
             answer = answer if chosen.point == answer.point else self.registered(chosen)
         return Choice(self._with_determined_pairs(answer), tuple(self.tried))
 

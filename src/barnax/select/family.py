@@ -14,7 +14,7 @@ from ..over_soc.level import OWN_RATES, with_own_ocv
 from ..over_soc.settings import TableSettings
 from ..settings import NODES
 
-Ladder = Literal["nodes", "pairs", "hysteresis", "switched", "law", "without"]
+Ladder = Literal["nodes", "pairs", "hysteresis", "switched", "law", "starts", "without"]
 # Those that have rungs of their own; laws are proposed by records.
 HYSTERESES: tuple[Ladder, ...] = ("hysteresis", "switched")
 RUNGS: tuple[Ladder, ...] = ("nodes", "pairs", *HYSTERESES)

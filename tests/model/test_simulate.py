@@ -178,6 +178,11 @@ def test_an_even_clock_needs_one_exponential(start_s, samples):
     assert not intervals.has_offsets
 
 
+def test_no_state_moves_where_no_time_passes():
+    intervals = Intervals.gather(np.zeros(5), SHORTEST_TAU_S, 1e-12)
+    np.testing.assert_array_equal(responses_jit(jnp.ones(1), jnp.arange(5.0), intervals), 0.0)
+
+
 def test_a_single_odd_interval_of_a_long_record_keeps_its_offset():
     time_s = np.arange(300_000.0)
     time_s[150_000:] -= 1e-5

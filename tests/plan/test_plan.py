@@ -278,6 +278,39 @@ def test_a_record_that_takes_more_out_of_the_full_cell_than_the_ocv_test_tells_i
     assert by_name(found) == (windows(found), found.options)
 
 
+def test_records_of_several_temperatures_have_no_capacity_in_common(folder):
+    change(folder, "ac", pl.col(CURRENT) * 1.08)
+    shutil.copy(folder / "c.parquet", folder / "cold.parquet")
+    change(folder, "abcd", at(25.0))
+    change(folder, ["cold"], at(0.0))
+    ocv, cold, warm = [folder / "b.parquet", folder / "d.parquet"], "cold.parquet", "c.parquet"
+    assert plan_of(barnax.Job(folder / warm, ocv=ocv)).options
+    for names in ((cold, warm), (warm, cold)):
+        records = [folder / name for name in names]
+        assert plan_of(barnax.Job(records, ocv=ocv, over="soc,temperature")).options == {}
+    # A temperature that only a name tells is told, as in a folder.
+    named = folder / "drive_10degC.parquet"
+    pl.read_parquet(folder / warm).drop(TEMPERATURE).write_parquet(named)
+    (window, *_) = windows(plan_of(barnax.Job(named, ocv=ocv, over="soc,temperature"))).values()
+    assert window.temperature_degc == 10.0
+
+
+def test_a_named_record_that_cannot_be_read_is_planned_as_that(folder):
+    (folder / "bad.csv").write_text("hello\n1\n2\n")
+    job = barnax.Job(folder / "bad.csv", ocv=folder / "b.parquet")
+    job = job.changed(window=barnax.Window(initial_soc=1.0))
+    assert next(iter(plan_of(job).parts)).kind == "unreadable"
+
+
+def test_sources_of_one_name_have_windows_of_their_own(folder):
+    (folder / "other").mkdir()
+    shutil.copy(folder / "c.parquet", folder / "other" / "a.parquet")
+    sources = [read_source(path / "a.parquet") for path in (folder, folder / "other")]
+    found = plan_of(barnax.Job(sources, ocv=folder / "b.parquet"))
+    assert [part.name for part in found.of_role("identification")] == ["a.parquet", "a.parquet 2"]
+    assert len(windows(found)) == 2
+
+
 def test_a_record_that_goes_on_where_another_ends_starts_from_there(folder):
     # Its counters began at neither full nor empty.
     table = with_counters(frame()).with_columns(pl.col("Discharging Capacity / Ah") + 0.7)

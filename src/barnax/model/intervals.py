@@ -56,7 +56,8 @@ class Intervals(eqx.Module):
             node_s=as_input(node_s),
             node=as_input(node.astype(np.int32)),
             offset_s=as_input(offset_s),
-            is_even=len(groups) == 1,
+            # Where no time passes, no state can be counted in what one interval moves it.
+            is_even=len(groups) == 1 and bool(node_s[0] > 0),
             has_offsets=bool(np.max(np.abs(offset_s)) > resolution_s),
         )
 

@@ -19,7 +19,7 @@ from ..checks.roles import SuggestedWindow
 from ..checks.traits import NO_TRAITS, Kind, Traits
 from ..errors import InputError
 from ..execution import Watch
-from ..inputs import file_names, how_read, name_of, named_source, window_of
+from ..inputs import file_names, how_read, name_of, named_source, numbered, window_of
 from ..model.window import START, Window, temperature_of
 from ..records import Record, Source, read_record
 from ..records.record import TAPERED
@@ -158,6 +158,8 @@ def look(
         with watch(f"Looking at {name}", 0):
             try:
                 source = named_source(item, role, names, called, reading)
+                if isinstance(item, Source) and role != "OCV test":
+                    source = numbered(source, called)
                 chosen = window_of(windows, source.name)
                 how = how_read(reading, source.name, role)
                 file = replace(file, name=source.name, chosen=chosen, how=how)

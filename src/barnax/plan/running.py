@@ -37,7 +37,7 @@ from ..settings import OVER_TEMPERATURE, Reading
 from .choosing import options_of, plan
 from .document import SIMULATED, Part, Plan, Use, plan_from_toml
 from .draft import Draft
-from .looking import look
+from .looking import CandidateFile, by_temperature, look
 from .ocv import SHOWN, OcvChoice, Started
 
 Asked = TypeVar("Asked", bound=Job)
@@ -82,19 +82,23 @@ def plan_given(job: Job, command: Literal["identify", "hppc"] = "identify") -> P
     of_role = dict(zip(looked, (role for role, own in given.items() for _ in own), strict=True))
     tests = [file for file, role in of_role.items() if role == "OCV test" and not file.refusal]
     given_ah = windows.get("", Window()).capacity_ah if job.capacity is None else job.capacity
-    draft, choices = Draft(looked, given_ah=given_ah), list[OcvChoice]()
+    draft, choices = Draft(looked, given_ah=given_ah), dict[CandidateFile, OcvChoice]()
     for file, role in of_role.items():
         if command == "hppc" and role == "identification":
             draft.starts[file] = Started(file.chosen)
-        elif role in SIMULATED:
+        elif role in SIMULATED and not file.refusal:
             choice = draft.start_given(file, tests, job.cell)
-            choices += [choice] if choice else []
+            choices |= {file: choice} if choice else {}
         suggested, words = file.suggested, draft.starts.get(file, SHOWN).words
         is_planned = role in SIMULATED and draft.window(file) != file.chosen
         draft.take(file, role, suggested.reason + words if is_planned and suggested else "")
-    records = looked[: len(given["identification"])]
-    is_open = choices and job.ocv_capacity is None
-    options, reasons = options_of(draft, records, choices[0]) if is_open else ({}, {})
+    if job.over == OVER_TEMPERATURE:
+        draft.tell_temperatures()
+    # One capacity holds for all, so records of several temperatures have none in common.
+    records = [file for file in looked[: len(given["identification"])] if file in choices]
+    are_of_one = len({degc for degc, _ in by_temperature(records)} - {None}) < 2
+    is_open = records and are_of_one and job.ocv_capacity is None
+    options, reasons = options_of(draft, records, choices[records[0]]) if is_open else ({}, {})
     return Plan(command, draft.parts(), options, reasons)
 
 

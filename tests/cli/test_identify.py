@@ -81,9 +81,13 @@ def test_the_first_screen_is_short_and_says_what_the_result_stores(finished, res
 
 def test_show_prints_the_first_screen_again_and_all_of_a_result_where_asked(run, finished):
     screen = finished.outcome.out
-    again = run("show", finished.folder).out.rstrip()
+    shown = run("show", finished.folder)
+    again = shown.out.rstrip()
     assert again
     assert screen.startswith(again)
+    warnings = [line for line in finished.outcome.err.splitlines() if line.startswith("warning:")]
+    assert warnings
+    assert warnings == shown.err.splitlines()
     whole = run("show", "--all", finished.folder).out
     assert "What was decided" in whole
     assert whole.count("\n") > 3 * again.count("\n")

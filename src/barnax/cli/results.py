@@ -13,6 +13,7 @@ import barnax
 
 from .. import reporting
 from ..errors import InputError
+from ..notices import Notice
 from ..settings import Reading, Window
 from .options import HOW_READ, OF_RECORDS, Given, group, options_of, windows_by_record
 from .output import RESULTS, Output, add_file, drawn_files, page_of, require_free_file, write_file
@@ -84,10 +85,11 @@ class Shown:
 def show(of: Shown) -> None:
     """Print a result, or several side by side with what differs.
 
-    Of one result it is the first screen, as identify printed it. Of two cells, two
-    ages or two temperatures: the parameters with their intervals, and which differ
-    beyond them.
+    Of one result it is the first screen with its warnings, as identify printed it,
+    without the plan and the next step. Of two cells, two ages or two temperatures:
+    the parameters with their intervals, and which differ beyond them.
     """
+    session, warnings = Session(is_quiet=False), list[Notice]()
     if len(of.results) > 1:
         document = barnax.show(*of.results, names=_names(of.results)).document
     else:
@@ -99,8 +101,11 @@ def show(of: Shown) -> None:
             document_of = reporting.identification.choice_document
         elif of.whole:
             document_of = reporting.identification.identification_document
+        else:
+            warnings += stored.warnings
         document = document_of(stored)
-    Session(is_quiet=False).show_document(document)
+    session.show_document(document)
+    session.warn(warnings)
 
 
 def _names(paths: list[Path]) -> tuple[str, ...]:

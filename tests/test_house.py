@@ -20,9 +20,8 @@ PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text
 # A module imports only from those left of its own, for types or when it is called too: the order in
 # which a record becomes a report.
 LAYERS = (
-    ("blas", "devices"),
-    ("programs",),
-    ("display", "errors", "metrics", "execution"),
+    ("blas",),
+    ("display", "errors", "metrics", "execution", "devices"),
     ("notices", "files", "settings"),
     ("schema", "bundled", "records", "optimizers"),
     ("cell",),
@@ -52,8 +51,7 @@ GENERAL = {
     "metrics": set(),
     "errors": set(),
     "display": set(),
-    "execution": {"blas", "programs"},
-    "programs": {"devices"},
+    "execution": {"blas"},
     "blas": set(),
     "devices": set(),
 }
@@ -64,8 +62,6 @@ READING = {
     "model/search_space.py",
     "plan/document.py",
 }
-# The source that a program is made from, and the processor.
-READING |= {"devices.py", "programs.py"}
 # Files within a file in memory.
 READING |= {"records/readers/content.py"}
 # The words of all that is told.
@@ -194,8 +190,8 @@ def test_what_the_source_imports_is_declared_and_what_is_declared_is_imported():
     foreign = imported - sys.stdlib_module_names - optional - {"barnax"}
     needed = {distribution(providers[name][0]) for name in foreign}
     declared = {distribution(each) for each in PROJECT["project"]["dependencies"]}
-    # What pydantic, jinja2 and JAX bring along.
-    assert needed - {"pydantic-core", "markupsafe", "jaxlib"} == declared
+    # What pages of pydantic and of jinja2 import of their own, which they bring along.
+    assert needed - {"pydantic-core", "markupsafe"} == declared
 
 
 def test_no_modules_import_each_other_in_a_circle():
@@ -246,9 +242,7 @@ def test_only_the_command_line_names_its_flags():
 
 def test_only_the_command_line_writes_files():
     written = {"write_text", "write_bytes", "mkdir", "savefig", "unlink"}
-    places = [place(path) for path in outside("cli") if calls(path) & written]
-    # Programs are written for this user alone.
-    assert places == [WRITING, DATASET, "programs.py"]
+    assert [place(path) for path in outside("cli") if calls(path) & written] == [WRITING, DATASET]
 
 
 def test_files_are_read_in_few_places():

@@ -40,10 +40,9 @@ def main() -> None:
     # intervals and once more at the end, took a tenth of `barnax identify` on short records.
     gc.set_threshold(50_000, 20, 20)
     atexit.register(gc.freeze)
-    from . import devices
+    from .devices import prefer_cpu
 
-    devices.begin_command()
-    devices.prefer_cpu()
+    prefer_cpu()
     from .cli.app import app
     from .cli.session import as_flags
     from .errors import InputError

@@ -14,7 +14,6 @@ import jax
 import numpy as np
 from jax.experimental.xla_metadata import set_xla_metadata
 
-from . import programs
 from .blas import one_blas_thread
 
 P = ParamSpec("P")
@@ -76,9 +75,9 @@ def compile_for(function: Callable[..., Outcome], *arguments: Any) -> Callable[.
         lock = _making.setdefault(wanted, threading.Lock())
     with lock:
         if wanted not in _programs:
-            program = _program(function, arguments)
+            compiled = _compile(function, arguments)
             with _guard:
-                _programs[wanted] = program
+                _programs[wanted] = compiled
                 while len(_programs) > PROGRAMS_KEPT:
                     oldest = next(iter(_programs))
                     del _programs[oldest]
@@ -86,26 +85,12 @@ def compile_for(function: Callable[..., Outcome], *arguments: Any) -> Callable[.
         return _programs[wanted]
 
 
-def _program(function: Callable[..., Outcome], arguments: Sequence[Any]) -> Callable[..., Outcome]:
-    leaves, structure = jax.tree.flatten(arguments)
-    arrays, others = eqx.partition(leaves, eqx.is_array)
-
-    def compile_as(ending: str) -> Any:
-        def of_arrays(arrays: Sequence[Any]) -> Outcome:
-            return function(*jax.tree.unflatten(structure, eqx.combine(arrays, others)))
-
-        of_arrays.__name__ = getattr(function, "__name__", "program") + ending
-        return _compile(of_arrays, arrays)
-
-    program = programs.kept(function, arguments, compile_as)
-    return lambda *given: program(eqx.filter(jax.tree.leaves(given), eqx.is_array))
-
-
-def _compile(of_arrays: Callable[..., Any], arrays: Sequence[Any]) -> Any:
-    def compiled() -> Any:
+def _compile(function: Callable[..., Outcome], arguments: Sequence[Any]) -> Callable[..., Outcome]:
+    def compiled() -> Callable[..., Outcome]:
         # A new function each time: JAX remembers what it traced of one that it knows.
         options: Any = {"compiler_options": _OPTIONS if _in_one_function.get() else None}
-        return jax.jit(functools.partial(of_arrays), **options).lower(arrays).compile()
+        jitted: Any = eqx.filter_jit(functools.partial(function), **options)
+        return jitted.lower(*arguments).compile()
 
     if jax.default_backend() != "cpu":
         return compiled()

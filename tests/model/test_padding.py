@@ -78,9 +78,8 @@ def test_records_of_many_lengths_share_a_program_and_have_the_bits_each_has_alon
     problems = [problem_of(bundled_cell, circuit, [clock]) for clock in clocks]
     compile_for, programs = barnax.search.seeds.compile_for, set()
     # Other kernels than users have need not keep the bits.
-    lowered = jax.stages.Lowered
-    compiled = functools.partialmethod(lowered.compile, compiler_options=USERS_KERNELS)
-    monkeypatch.setattr(lowered, "compile", compiled)
+    jit = functools.partial(eqx.filter_jit, compiler_options=USERS_KERNELS)
+    monkeypatch.setattr(eqx, "filter_jit", jit)
 
     def counted(*arguments):
         program = compile_for(*arguments)

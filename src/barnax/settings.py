@@ -69,8 +69,8 @@ class Settings:
             errors are always computed by scan.
         coordinates: Search R and C themselves, as in the paper (rc), or logarithms of R and tau
             (log).
-        seeds: Independent runs of the optimizer: 30, and 0 of a fleet's cells, for which only the
-            global optimum is found.
+        seeds: Independent runs of the optimizer: 30, and none for the cells of a fleet, which have
+            the global optimum alone.
         population: Candidates per generation (30).
         iterations: Generations (500).
         key: Random key (0); the same key gives the same result.

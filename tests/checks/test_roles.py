@@ -82,7 +82,7 @@ def test_a_record_of_little_charge_does_not_serve_to_identify():
 def test_a_record_without_steps_does_not_serve_to_identify(tmp_path):
     time_s = 1.0 * np.arange(300)
     found = roles(checked(tmp_path, logged(time_s, 0 * time_s - 1.0, 4.0 - 1e-4 * time_s)))
-    assert "do not tell R0; 33 % is wanted" in found["identification"].reason
+    assert "do not determine R0; 33 % is needed" in found["identification"].reason
 
 
 @pytest.mark.parametrize(("pulses", "serves"), [(1, False), (6, True)])

@@ -243,8 +243,8 @@ class Traits:
         steps = counted(self.steps, "current step")
         if half_width > MAX_HALF_WIDTH:
             within = f"tell R0 within {100 * half_width:.0f} %"
-            told = within if half_width < math.inf else "do not tell R0"
-            wanted = f"{100 * MAX_HALF_WIDTH:.0f} % is wanted where no OCV test tells it"
+            told = within if half_width < math.inf else "do not determine R0"
+            wanted = f"{100 * MAX_HALF_WIDTH:.0f} % is needed without an OCV test"
             return f"{steps} sampled finely enough {told}; {wanted}"
         # Without a capacity a dither gives itself away by how often it turns.
         whole_ah = capacity_ah or self.charged_ah + self.discharged_ah

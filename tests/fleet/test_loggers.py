@@ -83,7 +83,7 @@ def test_files_whose_roles_are_to_be_found_stay_files(cells, monkeypatch, is_tes
         raise InputError("enough")
 
     monkeypatch.setattr(rows, "identify", identify)
-    monkeypatch.setattr(rows, "_known_cell", lambda *_: (None, (), (), ()))
+    monkeypatch.setattr(rows, "_cell_of_tests", lambda *_: (None, (), (), ()))
     cell = replace(cells[0], ocv=cells[1].records if is_tested else ())
     with pytest.raises(InputError, match="enough"):
         rows.identified(cell, {"loggers": loggers_of_fleet(cells, {})})

@@ -104,14 +104,13 @@ def rows_table(
     heads: Iterable[str],
     rows: Iterable[Iterable[str]],
     text: Collection[str] = (),
-    best: Iterable[tuple[int, int]] = (),
     joined: Iterable[int] = (),
     is_bare: bool = False,
 ) -> Table:
     """The same of rows whose cells are words already."""
     columns = tuple(column(head, "text" if head in text else "number") for head in heads)
     cells = tuple(map(tuple, rows))
-    return Table(caption, columns, cells, frozenset(best), frozenset(joined), is_bare)
+    return Table(caption, columns, cells, joined=frozenset(joined), is_bare=is_bare)
 
 
 def readable(parameters: Mapping[str, float]) -> dict[str, float]:

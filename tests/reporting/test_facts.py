@@ -1,4 +1,4 @@
-"""A number of a result is the same in every digit, whoever prints it."""
+"""A number of a result, and its interval, is the same in every digit, whoever prints it."""
 
 import csv
 import io
@@ -9,16 +9,18 @@ from rich.console import Console, Group
 
 import barnax
 from barnax.export import get_exporter
-from barnax.over_soc.node_interval import NodeInterval
+from barnax.over_soc.fit import TableFit
+from barnax.over_soc.node_interval import NodeInterval, sum_name
 from barnax.plots.soc_tables import drawn_tables
+from barnax.reporting.document import Table
 from barnax.reporting.first_screen import first_screen
 from barnax.reporting.identification import identification_document
 from barnax.reporting.parameters import tables_csv
-from barnax.reporting.render import to_markdown
+from barnax.reporting.render import escape_markdown, to_markdown
 from barnax.reporting.soc_tables import answer_tables, headline
 from barnax.reporting.terminal import to_terminal
 from barnax.reporting.view import View
-from barnax.reporting.words import figures, symbol, with_unit
+from barnax.reporting.words import figures, interval, symbol, with_unit, without_unit
 from barnax.results import Result
 from helpers.golden import RESULT
 from helpers.results import make_table_result, with_constant
@@ -31,38 +33,74 @@ def stored_with(tables: Result) -> Result:
     return STORED.model_copy(update={"tables": tables.tables, "model": tables.model})
 
 
-def told(result: Result, **ends: float | None) -> Result:
-    """The same with other ends of every interval."""
-
-    def changed(own: NodeInterval) -> NodeInterval:
-        return replace(own, **ends)
-
-    fits = tuple(
-        replace(
-            fit, intervals=tuple(map(changed, fit.intervals)), means=tuple(map(changed, fit.means))
-        )
-        for fit in result.fits
-    )
+def with_fit(result: Result, **changes) -> Result:
+    """The same with something else in its fit."""
+    fits = tuple(replace(fit, **changes) for fit in result.fits)
     return result.model_copy(update={"tables": replace(result.fits, fits=fits)})
 
 
-TABLES = {name: stored_with(make_table_result(name)) for name in ("so-rc", "esc")}
+def with_ends(result: Result, every: int = 1, **ends: float | None) -> Result:
+    """The same with other ends of every interval, or of every second one."""
+
+    def changed(intervals: tuple[NodeInterval, ...]) -> tuple[NodeInterval, ...]:
+        numbered = enumerate(intervals)
+        return tuple(own if number % every else replace(own, **ends) for number, own in numbered)
+
+    fit = result.fit
+    return with_fit(result, intervals=changed(fit.intervals), means=changed(fit.means))
+
+
+def with_sum(result: Result) -> Result:
+    """The same with pairs that have nearly one time constant."""
+    _, first, second = means = result.fit.means
+    total = replace(
+        first,
+        name=sum_name([first.name, second.name]),
+        **{end: getattr(first, end) + getattr(second, end) for end in ("value", "low", "high")},
+    )
+    return with_fit(result, means=(*means, total))
+
+
+def with_taus(result: Result) -> Result:
+    """The same with intervals of the time constants, which no other record widens."""
+    constants = result.fit.tables.constants.items()
+    taus = (
+        NodeInterval(name, None, value, 1e-2 * value, 0.0, 0.97 * value, 1.04 * value)
+        for name, value in constants
+    )
+    return with_fit(result, intervals=(*result.fit.intervals, *taus))
+
+
 ENDS = {
     "as they are": {},
     "at most": {"low": 0.0},
     "at most, without the other end": {"low": None},
     "at least": {"high": None},
     "not determined": {"low": None, "high": None},
+    "every second one not determined": {"every": 2, "low": None, "high": None},
+    "narrow": {"low": 0.012345, "high": 0.0123461},
     "of another record": {"record_low": 1e-3, "record_high": 0.2},
+    "of another record, at most": {"record_low": 0.0, "record_high": 0.2},
     "of another record, open": {"record_low": 1e-3},
+    "of another record, every second one": {"every": 2, "record_low": 1e-3, "record_high": 0.2},
+    "of another record, which alone tells": {
+        **{"low": None, "high": None},
+        **{"record_low": 1e-3, "record_high": 0.2},
+    },
 }
+TABLES = {name: with_taus(stored_with(make_table_result(name))) for name in ("so-rc", "esc")}
 RESULTS = {
     "constant": STORED,
     "constants without intervals": with_constant(STORED, assessment=None),
-} | {
-    f"{circuit}, {name}": told(result, **ends)
+}
+RESULTS |= {
+    f"{circuit}, {name}": with_ends(result, **ends)
     for circuit, result in TABLES.items()
     for name, ends in ENDS.items()
+}
+RESULTS |= {
+    f"a sum, {name}": with_ends(with_sum(TABLES["so-rc"]), **ENDS[name])
+    for name in ("as they are", "at most", "not determined", "of another record")
 }
 
 
@@ -71,85 +109,146 @@ def result(request):
     return RESULTS[request.param]
 
 
-def exported(result: Result) -> dict[str, str]:
-    content = get_exporter("csv").write(result).content.decode()
-    return {row["name"]: row["value"] for row in csv.DictReader(content.splitlines())}
+Ends = tuple[float, float | None, float | None]
 
 
-def test_the_frame_and_the_csv_hold_every_fact(result):
-    frame = result.to_frame()
+def expected(fit: TableFit) -> dict[tuple[str, float | None], Ends]:
+    """Value and interval of every number that has one, by its label and SOC: where the spread of
+    records is known, what another one would show of whatever goes over SOC."""
+    over_soc = [*((own.name, own) for own in fit.intervals if own.soc is not None)]
+    means = [*((f"mean {own.name}", own) for own in fit.means)]
+    is_spread = any(own.record_low is not None for _, own in over_soc + means)
+    ends = {
+        (label, own.soc): (own.value, own.record_low, own.record_high)
+        if is_spread
+        else (own.value, own.low, own.high)
+        for label, own in over_soc + means
+    }
+    constants = [own for own in fit.intervals if own.soc is None]
+    return ends | {(own.name, None): (own.value, own.low, own.high) for own in constants}
+
+
+def words(label: str, ends: Ends) -> tuple[str, str]:
+    """A value and its interval as they are read."""
+    name, (value, low, high) = label.removeprefix("mean "), ends
+    shown = with_unit(name, value)
+    return shown, without_unit(interval(name, low, high, value), shown)
+
+
+every_table = pytest.mark.parametrize("name", [name for name in RESULTS if RESULTS[name].tables])
+
+
+@every_table
+def test_the_frame_and_the_csv_hold_every_number_with_its_interval(name):
+    result = RESULTS[name]
+    rows = {
+        (row["table"], float(row["SOC"]) if row["SOC"] else None): row
+        for row in csv.DictReader(tables_csv(result.fits).decode().splitlines())
+    }
+    frame = {row["SOC"]: row for row in result.to_frame().to_dicts()}
+    for (label, soc), ends in expected(result.fit).items():
+        row = rows[label, soc]
+        assert [row["value"], row["low"], row["high"]] == [
+            "" if end is None else repr(end) for end in ends
+        ]
+        here = next(iter(frame.values())) if soc is None else frame[soc]
+        what, bracket, unit = label.partition(" [")
+        for end, value in zip(("", " low", " high"), ends, strict=True):
+            assert here[f"{what}{end}{bracket}{unit}"] == value
+    without = rows.keys() - expected(result.fit).keys()
+    assert all(rows[key]["low"] == rows[key]["high"] == "" for key in without)
+
+
+def test_the_frame_of_constants_holds_every_estimate(result):
     if result.tables is None:
-        rows = {row["parameter"]: row for row in frame.to_dicts()}
-        estimates = result.constant.estimates.items()
-        for name, own in estimates:
-            assert (rows[name]["value"], rows[name]["low"]) == (own.value, own.low)
-        return
-    rows = list(csv.DictReader(tables_csv(result.fits).decode().splitlines()))
-    by_soc = {row["SOC"]: row for row in frame.to_dicts()}
-    for fact, row in zip(result.fit.facts, rows, strict=True):
-        told = ["" if end is None else repr(end) for end in (fact.value, fact.low, fact.high)]
-        assert [row["table"], row["value"], row["low"], row["high"]] == [fact.label, *told]
-        here = frame.row(0, named=True) if fact.soc is None else by_soc[fact.soc]
-        assert here[fact.label] == fact.value
+        rows = {row["parameter"]: row for row in result.to_frame().to_dicts()}
+        for name, own in result.constant.estimates.items():
+            row = rows[name]
+            assert (row["value"], row["low"], row["high"]) == (own.value, own.low, own.high)
 
 
 def test_exports_hold_the_means_or_the_constants_with_their_ends(result):
-    values = exported(result)
-    for fact in result.fit.facts:
-        name = symbol(fact.label) if result.tables else symbol(fact.name)
-        if fact.is_mean and " + " not in name:
-            assert values[name] == repr(fact.value)
-            assert values.get(f"{name} low", "None") == repr(fact.low)
-            assert values.get(f"{name} high", "None") == repr(fact.high)
+    content = get_exporter("csv").write(result).content.decode()
+    values = {row["name"]: row["value"] for row in csv.DictReader(content.splitlines())}
+    ends_of = expected(result.fit)
+    if result.tables is None:
+        estimates = result.constant.estimates
+        ends_of = {
+            (f"mean {name}", None): (own.value, own.low, own.high)
+            for name, own in estimates.items()
+            if name in result.fit.tables.resistances
+        }
+    for (label, _), (value, low, high) in ends_of.items():
+        if label.startswith("mean "):
+            name = symbol(label if result.tables else label.removeprefix("mean "))
+            assert values[name] == repr(value)
+            assert values.get(f"{name} low", "None") == repr(low)
+            assert values.get(f"{name} high", "None") == repr(high)
 
 
-def test_the_screen_the_report_and_results_side_by_side_say_the_same(result):
-    console = Console(file=io.StringIO(), width=200, color_system=None)
-    console.print(Group(*to_terminal(first_screen(result))))
-    screen = console.file.getvalue().split("\n")
-    report = to_markdown(identification_document(result)).split("\n")
-    beside = repr(barnax.show(result, result)).split("\n")
-    for fact in result.fit.facts:
-        if not fact.is_mean:
-            continue
-        name, value = symbol(fact.name), with_unit(fact.name, fact.value)
-        (line,) = (line for line in screen if line.split()[:1] == [name])
-        assert f"{name}  {value}" in " ".join(line.split(" " * 3)) or value in line
-        if result.tables is None:
-            row = next(row for row in report if row.startswith(f"| {name} [mOhm]"))
-            printed = float(row.split("|")[2])
-            assert f"{figures(printed)} mOhm" == value
-        else:
-            assert any(row.startswith(f"| {name} ") and f"| {value}" in row for row in report)
-        named = name if result.tables is None else f"mean {name}"
-        assert any(line.split("  ")[0].strip() == named and value in line for line in beside)
+@every_table
+def test_figures_draw_the_interval_of_every_node(name):
+    result = RESULTS[name]
+    drawn = drawn_tables(result.fit)
+    for (label, soc), (value, low, high) in expected(result.fit).items():
+        if soc is not None:
+            (node,) = (node for node in drawn[label].seen.nodes if node["soc"] == soc)
+            assert node["is_open"] == (low is high is None)
+            # A resistance that is at most so much is between zero and that.
+            low = 0.0 if low is None and high is not None and "Ohm" in label else low
+            ends = [float("nan") if end is None else 1e3 * end for end in (value, low, high)]
+            drawn_ends = [node["value"], node["low"], node["high"]]
+            assert drawn_ends == pytest.approx(ends, rel=1e-15, abs=0, nan_ok=True)
 
 
-@pytest.mark.parametrize("name", [name for name in RESULTS if "constant" not in name])
-def test_the_intervals_of_means_and_constants_are_the_same_on_screen_and_in_the_report(name):
+@every_table
+def test_the_screen_the_report_and_results_side_by_side_say_the_same_words(name):
     result = RESULTS[name]
     _, rows = headline(View(result))
-    on_screen = {row[0]: row[2] for row in rows} | {row[4]: row[6] for row in rows if row[4]}
-    means, constants, _ = answer_tables(result.fits)
-    for symbol_, value, in_report in (*means.rows, *constants.rows):
-        assert on_screen.get(symbol_, in_report).strip("–") == in_report.strip("–"), (
-            symbol_,
-            value,
-        )
+    on_screen = {row[0]: (row[1], row[2]) for row in rows}
+    on_screen |= {row[4]: (row[5], row[6]) for row in rows if row[4]}
+    means, constants, nodes = answer_tables(result.fits)
+    in_report = {(f"mean {row[0]}", None): row[1:] for row in means.rows}
+    in_report |= {(row[0], None): row[1:] for row in constants.rows}
+    heads = [column.head for column in nodes.columns]
+    (beside,) = (
+        table
+        for section in barnax.show(result, result).document.sections
+        for table in section.blocks
+        if isinstance(table, Table) and "change" in [column.head for column in table.columns]
+    )
+    compared = {row[0]: row[2] for row in beside.rows if row[1] == "–" or row[0][:4] == "mean"}
+    sums = [label for label, _ in expected(result.fit) if " + " in label]
+    for (label, soc), ends in expected(result.fit).items():
+        value, ends_words = words(label, ends)
+        if soc is not None:
+            (row,) = (row for row in nodes.rows if row[0] == f"{100 * soc:g}")
+            index = next(i for i, head in enumerate(heads) if head.startswith(symbol(label)))
+            in_table = without_unit(ends_words, "0 mOhm")
+            _, low, high = ends
+            if row[index + 1] != "not determined" and label.startswith("R"):
+                told = [figures(1e3 * end) for end in (low, high) if end]
+                assert row[index + 1].removeprefix("at most ").removeprefix(
+                    "at least "
+                ) == " to ".join(told)
+            assert (row[index + 1] == "not determined") == (in_table == "not determined")
+            continue
+        assert in_report[symbol(label), None] == (value, ends_words)
+        assert compared[symbol(label)] == f"{value} ({ends_words})"
+        is_part = any(label != total and symbol(label).split()[-1] in total for total in sums)
+        if label in sums or not (is_part or (sums and label.startswith("tau"))):
+            assert on_screen[symbol(label.removeprefix("mean "))] == (value, ends_words)
 
 
-def test_not_determined_is_the_same_in_the_table_the_figure_and_the_csv(result):
-    if result.tables is None:
-        return
-    _, _, nodes = answer_tables(result.fits)
-    drawn = drawn_tables(result.fit)
-    rows = list(csv.DictReader(tables_csv(result.fits).decode().splitlines()))
-    are_of_another = "another record" in nodes.caption
-    for place, name in enumerate(result.fit.tables.tables):
-        words = [row[2 + 2 * place] for row in nodes.rows]
-        table = drawn[name].seen.nodes
-        ends = [row for row in rows if row["table"] == name and row["visited"] == "1"]
-        for said, node, row in zip(words, table, ends, strict=True):
-            is_open = (row["low"], row["high"]) == ("", "")
-            assert node["is_open"] == is_open
-            assert are_of_another or (said == "not determined") == is_open
+def test_the_screen_and_the_report_print_what_they_are_made_of(result):
+    console = Console(file=io.StringIO(), width=200, color_system=None)
+    console.print(Group(*to_terminal(first_screen(result))))
+    screen = [line.split() for line in console.file.getvalue().split("\n")]
+    report = to_markdown(identification_document(result)).split("\n")
+    for row in headline(View(result))[1]:
+        (line,) = (line for line in screen if line[: len(row[0].split())] == row[0].split())
+        assert line == " ".join(filter(None, row)).split()
+    for table in answer_tables(result.fits) if result.tables else ():
+        for row in table.rows:
+            line = [*map(escape_markdown, row)]
+            assert any([c.strip() for c in text.split("|")[1:-1]] == line for text in report)

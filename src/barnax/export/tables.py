@@ -287,11 +287,11 @@ def _not_determined(result: Result) -> dict[str, set[float]]:
     """The resistances, and a fitted OCV, that the samples near a node do not tell, with the SOC of
     the node."""
     nodes: dict[str, set[float]] = {}
-    for interval in (interval for fit in result.fits for interval in fit.intervals):
-        name, _, unit = interval.name.partition(" ")
-        is_open = interval.low is None and interval.high is None
-        if interval.soc is not None and is_open and (unit == "[Ohm]" or interval.name == OCV):
-            nodes.setdefault(name, set()).add(interval.soc)
+    for fact in (fact for fit in result.fits for fact in fit.facts if fact.is_assessed):
+        name, _, unit = fact.name.partition(" ")
+        is_open = fact.low is None and fact.high is None
+        if fact.soc is not None and is_open and (unit == "[Ohm]" or fact.name == OCV):
+            nodes.setdefault(name, set()).add(fact.soc)
     return nodes
 
 

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -116,11 +116,19 @@ class TableFit(Brief):
         return tuple(own for own in self.intervals if own.name == name and own.soc is not None)
 
     @cached_property
+    def are_of_another_record(self) -> bool:
+        """True where intervals say what another record of the cell would show."""
+        return any(own.record_low is not None for own in (*self.intervals, *self.means))
+
+    @cached_property
     def facts(self) -> tuple[Fact, ...]:
         """Every number of the fit once: the nodes of its tables, what has one value at every SOC,
-        the means, and the nodes of an OCV of the records' own."""
-        known = {(own.name, own.soc): own for own in self.intervals}
-        tables, facts = self.tables, []
+        the means, and the nodes of a fitted OCV.
+
+        The interval of a number over SOC is the one that every output shows: what another record of
+        the cell would show, where the records tell it."""
+        intervals = {(own.name, own.soc): own for own in self.intervals}
+        tables = self.tables
         visited = tables.visited or (True,) * len(tables.nodes)
         numbers = [
             (name, *node)
@@ -128,13 +136,23 @@ class TableFit(Brief):
             for node in zip(tables.nodes, row, visited, strict=True)
         ]
         numbers += [(name, None, value, True) for name, value in tables.constants.items()]
-        for name, soc, value, is_visited in numbers:
-            own = known.get((name, soc))
-            fact = vars(own or NodeInterval(name, soc, value, 0.0, 0.0, None, None))
-            fact = fact | {"value": value, "soc": soc if self.is_over_soc else None}
-            facts.append(Fact(**fact, is_assessed=own is not None, is_visited=is_visited))
-        means = (Fact(**vars(mean), is_mean=True) for mean in self.means)
-        return (*facts, *means, *(Fact(**vars(node)) for node in self.of_table(OCV)))
+        facts = [
+            self._fact(
+                intervals.get((name, soc)) or NodeInterval(name, soc, value, 0.0, 0.0, None, None),
+                value=value,
+                soc=soc if self.is_over_soc else None,
+                is_assessed=(name, soc) in intervals,
+                is_visited=is_visited,
+            )
+            for name, soc, value, is_visited in numbers
+        ]
+        means = (self._fact(mean, is_mean=True) for mean in self.means)
+        return (*facts, *means, *map(self._fact, self.of_table(OCV)))
+
+    def _fact(self, own: NodeInterval, **changed: Any) -> Fact:
+        is_over_soc = own.soc is not None or "is_mean" in changed
+        shown = own.on_another_record if self.are_of_another_record and is_over_soc else own
+        return Fact(**vars(shown) | changed)
 
 
 @in_float64

@@ -17,7 +17,7 @@ from ..pulses import STANDARD_S, Pulse, levels, pulse_samples, rate_label
 from . import style
 
 if TYPE_CHECKING:
-    from ..over_soc.node_interval import NodeInterval
+    from ..over_soc.node_interval import Fact
     from ..results import Result
     from ..search.evaluate import Evaluation
 
@@ -47,10 +47,10 @@ def plot_ocv(cell: "CellModel | Result | str | Path") -> Figure:
     >>> [axes.get_ylabel() for axes in plot_ocv(characterize(tests)).axes]
     ['Open-circuit voltage [V]']
     """
-    nodes = ()
+    nodes: "Sequence[Fact]" = ()
     if not isinstance(cell, CellModel):
         result = style.opened(cell)
-        cell, nodes = result.cell, result.fit.of_table(OCV)
+        cell, nodes = result.cell, [fact for fact in result.fit.facts if fact.name == OCV]
     if cell.is_of_records:
         return plot_own_ocv(cell, nodes)
     branches = [
@@ -88,7 +88,7 @@ def plot_ocv(cell: "CellModel | Result | str | Path") -> Figure:
     return style.finish(figure, *figure.axes)
 
 
-def plot_own_ocv(cell: CellModel, nodes: "Sequence[NodeInterval]") -> Figure:
+def plot_own_ocv(cell: CellModel, nodes: "Sequence[Fact]") -> Figure:
     """An OCV of the records' own over SOC with the intervals of its nodes; where a hysteresis was
     identified with it, its branches too."""
     figure = style.make_figure()

@@ -107,7 +107,8 @@ def _compared(fit: "TableFit") -> Iterator[Fact]:
     facts = [*_facts(fit)]
     yield from (fact for fact in facts if fact.is_mean)
     for name in fit.tables.tables if fit.is_over_soc else ():
-        nodes = fit.of_table(name)
+        nodes = [fact for fact in facts if fact.name == name and not fact.is_mean]
+        nodes = [node for node in nodes if node.is_assessed]
         if name == OCV_CORRECTION or all((node.low, node.high) == (None, None) for node in nodes):
             # A correction belongs to one result's OCV; another result has another.
             continue

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..cell.elements import names_beside
-from ..cell.parameters import HALF_HYSTERESIS, OCV, OCV_CORRECTION, RATE
+from ..cell.parameters import HALF_HYSTERESIS, OCV, OCV_CORRECTION
 from ..cell.soc_axis import ABOVE_SOC
 from ..over_soc.fits import MIDDLE_SOC
 from ..over_soc.node_interval import Fact, parts_of
@@ -20,6 +20,7 @@ from .words import (
     duration,
     errors_words,
     figures,
+    gathered,
     interval_beside,
     joined,
     one_sided,
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     from ..over_soc.fit import TableFit
     from ..over_soc.fits import LeftOut, TableFits
     from ..over_soc.kept import Kept
-    from ..over_soc.node_interval import NodeInterval
     from .view import View
 
 # A value within this share of its interval from an end is marked.
@@ -78,12 +78,11 @@ def other_temperatures(fits: "TableFits") -> tuple[Table, ...]:
 
 def nodes_table(fit: "TableFit", where: str = "") -> Table:
     """Every table at every node that samples visit, with its interval."""
-    are_several = any(fact.record_low is not None for fact in fit.facts if not fact.is_mean)
-    nodes: dict[float | None, list[Fact]] = {}
-    for fact in fit.facts:
-        if fact.name in fit.tables.tables and fact.is_visited and not fact.is_mean:
-            shown = fact.on_another_record if are_several else fact
-            nodes.setdefault(fact.soc, []).append(shown)
+    nodes = gathered(
+        (fact.soc, fact)
+        for fact in fit.facts
+        if fact.name in fit.tables.tables and fact.is_visited and not fact.is_mean
+    )
     heads = ["SOC [%]"]
     for name in fit.tables.tables:
         short = short_name(name)
@@ -93,18 +92,14 @@ def nodes_table(fit: "TableFit", where: str = "") -> Table:
         cells = ((figures(1e3 * fact.value) + _edge(fact), _thousandfold(fact)) for fact in facts)
         rows.append([f"{100 * (soc or 0.0):g}", *chain.from_iterable(cells)])
     edge = EDGE if any(map(_edge, chain.from_iterable(nodes.values()))) else ""
-    caption = wording("tables.nodes", where, are_several, edge)
+    caption = wording("tables.nodes", where, fit, edge)
     return rows_table(caption, heads, rows, joined=range(2, len(heads), 2))
 
 
 def means_table(fit: "TableFit", where: str = "") -> Table:
     """The mean of every table over SOC, with its interval."""
-    are_several = any(mean.record_low is not None for mean in fit.means)
-    means = [fact.on_another_record if are_several else fact for fact in fit.facts if fact.is_mean]
-    caption = f"Means{where} {over_soc_words(fit)}."
-    if are_several:
-        caption += " 95 %: what another record of the cell would show."
-    return _values_table(caption, "mean", means)
+    means = (fact for fact in fit.facts if fact.is_mean)
+    return _values_table(wording("tables.means", where, fit, over_soc_words(fit)), "mean", means)
 
 
 def constants_table(fit: "TableFit", where: str = "") -> Table:
@@ -167,8 +162,13 @@ def headline(view: "View") -> tuple[list[str], list[Row]]:
     if view.over_temperature is not None:
         return _by_temperature(view)
     fit, records = view.result.fit, len(view.identified)
-    are_several = any(mean.record_low is not None for mean in fit.means)
-    kind = "another record" if are_several else "this record" if records == 1 else "these records"
+    kind = (
+        "another record"
+        if fit.are_of_another_record
+        else "this record"
+        if records == 1
+        else "these records"
+    )
     mean = over_soc_words(fit).replace("over", "mean") if fit.is_over_soc else over_soc_words(fit)
     at_soc = MIDDLE_SOC
     if fit.is_over_soc:
@@ -182,29 +182,28 @@ def headline(view: "View") -> tuple[list[str], list[Row]]:
         if fit.is_over_soc:
             here = sum(float(fit.tables.at(part, np.array(at_soc))) for part in parts)
             middle = without_unit(with_unit(shown.name, here), value)
-        own = shown.on_another_record if are_several else shown
-        row = [short_name(shown.name), value, _interval_of(own, value, view), middle]
+        row = [short_name(shown.name), value, _interval_of(shown, value, view), middle]
         rows.append((*row, *_taus(parts, view)))
     for fact in _constants(fit):
         name, is_shown = fact.name, fact.name not in (*fit.tables.tables, *_law_numbers(fit))
         if is_shown and not name.startswith("tau"):
-            value = with_unit(name, fact.value) + (" /SOC" if name == RATE else "")
+            value = with_unit(name, fact.value)
             interval = _interval_of(fact, value, view) if fact.is_assessed else ""
             rows.append((symbol(name), value, interval, "", "", "", ""))
     return ([*heads, "", "", ""] if view.result.tables is not None else [""] * 7), rows
 
 
-def shown_means(fit: "TableFit") -> Iterator["NodeInterval"]:
-    """The means, each sum in place of its parts."""
-    sums = [mean for mean in fit.means if len(parts_of(mean.name)) > 1]
-    taken: set[str] = set()
-    for mean in fit.means[: len(fit.means) - len(sums)]:
-        own = next((total for total in sums if mean.name in parts_of(total.name)), mean)
-        if mean.name not in taken and not taken.intersection(parts_of(own.name)):
-            yield own
-            taken.update(parts_of(own.name))
-        elif mean.name not in taken:
-            yield mean
+def shown_means(fit: "TableFit") -> list[Fact]:
+    """The means, each sum in place of its parts; of two sums that share a part, the first."""
+    means = {fact.name: fact for fact in fit.facts if fact.is_mean}
+    for total in [name for name in means if len(parts_of(name)) > 1]:
+        first, *others = parts_of(total)
+        shown = means.pop(total)
+        if means.keys() >= {first, *others}:
+            means = {name: shown if name == first else fact for name, fact in means.items()}
+            for part in others:
+                del means[part]
+    return [*means.values()]
 
 
 def _by_temperature(view: "View") -> tuple[list[str], list[Row]]:
@@ -244,7 +243,7 @@ def _taus(parts: list[str], view: "View") -> Row:
     return symbols, value, _interval_of(fact, value, view) if fact.is_assessed else ""
 
 
-def _interval_of(own: "NodeInterval", value: str, view: "View") -> str:
+def _interval_of(own: Fact, value: str, view: "View") -> str:
     held = set(view.result.constant.fixed)
     if view.result.tables is not None:
         ranges = view.result.tables.settings.ranges

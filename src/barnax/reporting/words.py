@@ -5,6 +5,7 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from decimal import ROUND_CEILING, Context
 from typing import TYPE_CHECKING, Literal, TypeVar
 
+from ..cell.parameters import RATE
 from ..errors import counted as counted
 
 if TYPE_CHECKING:
@@ -209,7 +210,7 @@ def shown(name: str, value: float, digits: int = 3) -> tuple[str, str]:
     >>> shown("R1 [Ohm]", 0.0149), shown("R1 [Ohm]", 57.2), shown("tau2 [s]", 19680.0)
     (('14.9', 'mOhm'), ('57.2', 'Ohm'), ('5.47', 'h'))
     """
-    unit = name.partition(" [")[2].rstrip("]")
+    unit = "/SOC" if name == RATE else name.partition(" [")[2].rstrip("]")
     if unit == "V":
         return figures(1e3 * value, digits - 1), "mV"
     if unit == "Ohm" and value < LARGE_OHM:
@@ -241,7 +242,7 @@ def with_unit(name: str, value: float) -> str:
     """A parameter's value as it is read.
 
     >>> with_unit("R1 [Ohm]", 0.0149), with_unit("gamma", 48.0)
-    ('14.9 mOhm', '48')
+    ('14.9 mOhm', '48 /SOC')
     """
     return " ".join(shown(name, value)).rstrip()
 

@@ -47,7 +47,7 @@ def plot_ocv(cell: "CellModel | Result | str | Path") -> Figure:
     >>> [axes.get_ylabel() for axes in plot_ocv(characterize(tests)).axes]
     ['Open-circuit voltage [V]']
     """
-    nodes: "Sequence[Fact]" = ()
+    nodes: Sequence[Fact] = ()
     if not isinstance(cell, CellModel):
         result = style.opened(cell)
         cell, nodes = result.cell, [fact for fact in result.fit.facts if fact.name == OCV]

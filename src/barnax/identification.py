@@ -166,7 +166,7 @@ def make_result(
     of_answer = of_tables or constant
     metrics = part.metrics if of_tables is None else MetricsBlock.of(problem.name, of_tables)
     result = Result(
-        schema_version=8,
+        schema_version=9,
         model=of_answer.identification[0].prepared.circuit,
         metrics=metrics,
         tables=tables,

@@ -37,7 +37,6 @@ LONGEST_REASON = 500
 UNITS = {"v": "V", "s": "s", "a": "A", "ah": "A.h", "ohm": "Ohm", "percent": "%", "degc": "degC"}
 # Other than their names would give.
 KEYS = {
-    "history_v": "history",
     "boxes": "cells",
     "max_boxes": "most_cells",
     "difference_v2": "difference [V^2]",

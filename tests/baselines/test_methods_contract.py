@@ -51,13 +51,10 @@ def test_the_error_is_that_of_the_circuit(ran):
         assert answer.rmse_v == pytest.approx(rmse_v, rel=1e-9)
 
 
-def test_no_seed_spends_more_than_the_budget_and_a_history_never_rises(ran):
+def test_no_seed_spends_more_than_the_budget(ran):
     _, _, answers, _ = ran
     for answer in answers:
         assert 0 <= answer.evaluations <= BUDGET.evaluations
-        if answer.history_v is not None:
-            assert np.all(np.diff(answer.history_v) <= 0)
-            assert answer.history_v[-1] == pytest.approx(answer.rmse_v, rel=1e-9)
 
 
 @pytest.mark.slow

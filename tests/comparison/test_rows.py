@@ -203,6 +203,4 @@ def test_seeds_that_stop_after_different_generations_are_stored(
     path = tmp_path / "comparison.json"
     path.write_text(compared.to_json())
     result = ComparisonResult.from_json(path)
-    histories = [seed.history_v for seed in result.rows[0].answers]
-    assert len({len(each) for each in histories}) > 1
-    assert [each[-1] for each in histories] == [seed.rmse_v for seed in result.rows[0].answers]
+    assert len({seed.evaluations for seed in result.rows[0].answers}) > 1

@@ -196,12 +196,16 @@ def test_a_workbook_has_the_parameters_and_both_branches_of_the_ocv(circuit):
 @pytest.mark.parametrize("circuit", ["so-rc", "esc"])
 def test_json_and_csv_hold_every_value_of_tables(circuit):
     result = make_table_result(circuit)
+    (record,) = result.inputs
+    warm = record.model_copy(update={"temperature_degc": 31.0})
+    result = result.model_copy(update={"inputs": (warm,)})
     found, rows = json.loads(EXPORTERS["json"].write(result).content), rows_of(result)
     assert found["resistances"]["SOC"] == list(NODES)
     for number, values in enumerate(TABLE_OHM):
         assert found["resistances"][f"R{number} [Ohm]"] == list(values)
     assert found["tau [s]"] == list(TABLE_TAU_S)
     assert found["gamma"] == (GAMMA if circuit == "esc" else None)
+    assert found["temperature [degC]"] == 31.0
     assert (found["W"] is None) == (circuit == "so-rc")
     assert rows["R0(0.1)"] == (TABLE_OHM[0][2], "Ohm")
     assert rows["R2(-0.05)"] == (TABLE_OHM[2][0], "Ohm")

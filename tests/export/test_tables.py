@@ -134,12 +134,14 @@ def test_a_linear_look_up_follows_what_lies_between_temperatures(over_temperatur
         assert np.interp(degc, tables.degc, rows) == pytest.approx(r0_ohm(degc, 0.5), rel=5e-3)
 
 
-def test_where_the_samples_do_not_determine_a_fitted_ocv_is_a_caveat():
+def test_where_the_samples_do_not_determine_a_table_is_a_caveat():
     result = make_table_result()
     (fit,) = result.tables.fits
     open_nodes = [NodeInterval("OCV [V]", soc, 3.2, 0.0, 0.0, None, None) for soc in (0.0, 0.05)]
+    open_nodes.append(NodeInterval("R1 [Ohm]", 0.1, 0.0, 0.0, 0.0, None, 2e-3))
     fits = (replace(fit, intervals=(*fit.intervals, *open_nodes)),)
     undetermined = result.model_copy(update={"tables": replace(result.tables, fits=fits)})
     told = " ".join(tables_of(undetermined).caveats)
     assert "OCV at SOC 0, 0.05." in told
-    assert "OCV at SOC" not in " ".join(tables_of(result).caveats)
+    assert "a capacitance made of it means nothing by itself: R1 at SOC 0.1." in told
+    assert " at SOC 0" not in " ".join(tables_of(result).caveats[1:])

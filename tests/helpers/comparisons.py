@@ -86,7 +86,6 @@ def make_row(
             rmse_v=identified_v * ratio,
             parameters=circuit,
             evaluations=300,
-            history_v=identified_v * np.array([2.0, 1.5, ratio]),
             notes=notes,
         )
         for ratio in ratios

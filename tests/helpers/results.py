@@ -1,8 +1,7 @@
 """Records, evaluations, searches and results made by hand, whose every number a test knows."""
 
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 import numpy as np
 
@@ -19,7 +18,6 @@ from barnax.metrics import measure
 from barnax.model.prepared import PreparedRecord
 from barnax.model.start import Start
 from barnax.model.window import Window
-from barnax.optimizers import make_optimizer
 from barnax.over_soc.cross_validation import SocErrors
 from barnax.over_soc.fit import TableFit
 from barnax.over_soc.fits import TableFits
@@ -30,7 +28,7 @@ from barnax.result_parts import ConstantPart, InputPart, MetricsBlock, MetricsPa
 from barnax.results import Result
 from barnax.search.evaluate import Evaluation, Evaluations, evaluate
 from barnax.search.refine import Optimum, Refinement
-from barnax.search.seeds import Search, SeedAnswer
+from barnax.search.seeds import Search
 from barnax.uncertainty import Assessment, Band, Diagnostics, Identifiability, Uncertainty
 from barnax.uncertainty.covariance import NoiseParts
 from helpers.reference import make_record as record_of
@@ -88,18 +86,6 @@ def make_evaluation(
     )
     simulated_v = record.voltage_v - error_v
     return Evaluation(prepared, simulated_v, measure(record.voltage_v[scored], simulated_v[scored]))
-
-
-def make_search(histories_v: list[list[float]], population: int = 10) -> Search:
-    """Seeds with these histories, each generation as large as the population."""
-    seeds = tuple(
-        SeedAnswer(history[-1], CIRCUIT, np.array(history), population * len(history), 0)
-        for history in histories_v
-    )
-    generations = len(histories_v[0]) - 1
-    optimizer = make_optimizer("bmo", population, generations)
-    problem = cast(Any, SimpleNamespace(scale="rc", kind="scan"))
-    return Search.of(problem, optimizer, 0, seeds)
 
 
 def make_refinement(found: Search, rmse_v: float) -> Refinement:

@@ -218,7 +218,6 @@ def test_a_compressed_search_has_the_same_bits_among_any_seeds_and_cells(
     for many, one in zip(together[1].seeds, alone.seeds, strict=False):
         assert many.parameters == one.parameters
         assert many.rmse_v == one.rmse_v
-        assert many.history_v.tobytes() == one.history_v.tobytes()
     assert together[0].best.parameters == together[2].best.parameters
 
 

@@ -29,7 +29,7 @@ NOISE_V = 1e-3
 
 def bits(answer):
     """All that a seed found, bit for bit."""
-    return answer.rmse_v, answer.parameters, answer.history_v.tobytes(), answer.evaluations
+    return answer.rmse_v, answer.parameters, answer.evaluations
 
 
 @pytest.fixture(scope="module")
@@ -65,13 +65,6 @@ def test_every_evaluation_is_counted(found):
     assert [seed.evaluations for seed in found.seeds] == [12 * (40 + 1)] * 8
     assert found.evaluations == 8 * 12 * 41
     assert [seed.failures for seed in found.seeds] == [0] * 8
-
-
-def test_a_history_has_every_generation_never_rises_and_ends_at_the_answer(found):
-    for seed in found.seeds:
-        assert len(seed.history_v) == 41
-        assert (np.diff(seed.history_v) <= 0).all()
-        assert seed.history_v[-1] == seed.rmse_v
 
 
 def test_the_best_seed_is_the_one_of_least_error_and_every_faster_pair_comes_first(found):

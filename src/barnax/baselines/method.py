@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float
@@ -12,7 +11,7 @@ from ..cell import CircuitParameters
 from ..cell.elements import alike
 from ..execution import in_float64
 from ..model.problem import Problem
-from ..schema import ARRAY, Count, Loss
+from ..schema import Count, Loss
 
 
 class MethodFailure(Exception):
@@ -24,13 +23,11 @@ class Answer:
     """What one run of a method found, by itself: nothing has refined it.
 
     `evaluations` counts simulations of one candidate, a Jacobian as one per free parameter.
-    `history_v` is the best RMSE after every generation, where the method has generations.
     """
 
     parameters: CircuitParameters
     rmse_v: Loss
     evaluations: Count
-    history_v: Annotated[Float[np.ndarray, "generations"], ARRAY] | None = None
     notes: tuple[str, ...] = ()
 
 

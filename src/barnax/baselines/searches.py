@@ -57,10 +57,7 @@ def _search(
     optimizer = make_optimizer(name, budget.population, iterations)
     key = jax.random.key(budget.key)
     search = search_seeds(problem, optimizer, key=key, seeds=budget.seeds, progress=progress)
-    return [
-        Answer(seed.parameters, seed.rmse_v, seed.evaluations, seed.history_v)
-        for seed in search.seeds
-    ]
+    return [Answer(seed.parameters, seed.rmse_v, seed.evaluations) for seed in search.seeds]
 
 
 def multistart(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:
@@ -162,13 +159,10 @@ def evolve(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]
     @in_float64  # the setting belongs to a thread
     def run(seed: int):
         generator = generator_of(budget.key, seed)
-        history = []
 
         def errors(points: np.ndarray) -> np.ndarray:
             rmse_v = np.asarray(compiled(jnp.asarray(points.T), problem.objective))
-            finite = np.where(np.isfinite(rmse_v), rmse_v, np.inf)
-            history.append(min(np.min(finite), history[-1] if history else np.inf))
-            return finite
+            return np.where(np.isfinite(rmse_v), rmse_v, np.inf)
 
         fractions = latin_hypercube(generator, budget.population, len(low))
         start: Any = low + fractions * (high - low)  # SciPy's types know of names only
@@ -183,16 +177,17 @@ def evolve(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]
             updating="deferred",
             vectorized=True,
         )
-        return np.asarray(end.x)[None], np.array(history)[None]
+        # Whole populations are counted.
+        return np.asarray(end.x)[None], np.array([[end.fun, end.nfev]])
 
     ends = run_blocks(run, range(budget.seeds), [1] * budget.seeds, progress)
     circuits = problem.parameters_at([point for point, _ in ends], box)
-    errors_v = [history_v[-1] for _, history_v in ends]
+    errors_v = [fun_v for _, (fun_v, _) in ends]
     if problem.kind != "scan":
         errors_v = rmse_by_scan(problem, circuits)
     return [
-        Answer(circuit, float(rmse_v), budget.population * len(history_v), history_v)
-        for circuit, rmse_v, (_, history_v) in zip(circuits, errors_v, ends, strict=True)
+        Answer(circuit, float(rmse_v), budget.population * int(populations))
+        for circuit, rmse_v, (_, (_, populations)) in zip(circuits, errors_v, ends, strict=True)
     ]
 
 

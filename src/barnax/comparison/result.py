@@ -142,7 +142,7 @@ class ComparisonResult(Document):
         versions: Versions of barnax and of what it computes with.
     """
 
-    schema_version: Literal[6] = 6
+    schema_version: Literal[7] = 7
     rows: tuple[Row, ...]
     differences: tuple[Difference, ...]
     candidates: tuple[Candidate, ...] = ()

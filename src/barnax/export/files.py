@@ -179,7 +179,8 @@ def _points(
 
 def write_json(result: Result) -> Export:
     """One object of plain numbers and lists: what is a list stands over its SOC, and a list of
-    lists over temperature and SOC."""
+    lists over temperature and SOC. One temperature is that of the first record, null if it is not
+    known."""
     tables = tables_of(result)
     content: dict[str, object] = {
         "notes": [tables.heading, *tables.caveats],
@@ -191,7 +192,7 @@ def write_json(result: Result) -> Export:
         "hysteresis": tables.kind,
         "gamma": tables.gamma,
         "tau [s]": tables.tau_s,
-        "temperature [degC]": tables.degc,
+        "temperature [degC]": tables.degc or result.measured_at[0][1],
         "resistances": {"SOC": tables.nodes}
         | {f"{name} [Ohm]": values.tolist() for name, values in tables.resistances.items()},
         "OCV": _listed(tables.ocv) | {"voltage [V]": tables.ocv_v.tolist()},

@@ -14,7 +14,7 @@ from ..cell import CellModel, CircuitParameters, get_circuit
 from ..cell.circuits import Circuit
 from ..cell.curves import KNOTS, SegmentedHysteresis
 from ..cell.elements import get_element, names_of
-from ..cell.parameters import HALF_HYSTERESIS, OCV, OCV_CORRECTION
+from ..cell.parameters import HALF_HYSTERESIS, OCV, OCV_CORRECTION, OHMIC
 from ..errors import InputError, escaped
 from ..over_soc.settings import TableSettings, circuit_name
 from ..results import Result
@@ -181,7 +181,7 @@ def _caveats(
         "of_tables",
         result,
         np.array(over_soc[0].nodes)[unseen].tolist(),
-        _not_determined(result).items(),
+        *map(dict.items, _open_resistances(result)),
         _kind_of(circuit, cell) != "none",
     )
 
@@ -283,16 +283,20 @@ def _from_empty_to_full(tables: CircuitParameters) -> CircuitParameters:
     )
 
 
-def _not_determined(result: Result) -> dict[str, set[float]]:
-    """The resistances, and a fitted OCV, that the samples near a node do not tell, with the SOC of
-    the node."""
-    nodes: dict[str, set[float]] = {}
+def _open_resistances(result: Result) -> tuple[dict[str, set[float]], dict[str, set[float]]]:
+    """The SOC of the nodes, by name, whose samples do not determine a resistance or a fitted OCV,
+    and of those where the resistance of a pair may be zero."""
+    undetermined: dict[str, set[float]] = {}
+    may_be_zero: dict[str, set[float]] = {}
     for fact in (fact for fit in result.fits for fact in fit.facts if fact.is_assessed):
         name, _, unit = fact.name.partition(" ")
-        is_open = fact.low is None and fact.high is None
-        if fact.soc is not None and is_open and (unit == "[Ohm]" or fact.name == OCV):
-            nodes.setdefault(name, set()).add(fact.soc)
-    return nodes
+        if fact.soc is None or (unit != "[Ohm]" and fact.name != OCV):
+            continue
+        if fact.low is None and fact.high is None:
+            undetermined.setdefault(name, set()).add(fact.soc)
+        elif not fact.low and unit == "[Ohm]" and fact.name != OHMIC:
+            may_be_zero.setdefault(name, set()).add(fact.soc)
+    return undetermined, may_be_zero
 
 
 def linear_table(

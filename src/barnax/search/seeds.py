@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import jax.random as jr
 import numpy as np
 import optimistix as optx
-from jaxtyping import Array, Float, Key
+from jaxtyping import Array, Key
 from pydantic import Field
 
 from ..cell import CircuitParameters
@@ -19,7 +19,7 @@ from ..execution import compile_for, in_float64, run_blocks, seed_blocks, wanted
 from ..model.coordinates import Scale
 from ..model.problem import Kind, Objective, Problem, rmse, rmse_by_scan
 from ..optimizers import OPTIMIZERS, AbstractPopulationMinimiser
-from ..schema import ARRAY, Count, Loss, Unstored
+from ..schema import Count, Loss, Unstored
 from ..schema import Key as Seed
 
 
@@ -30,14 +30,12 @@ class SeedAnswer(Brief):
     Attributes:
         rmse_v: RMSE of its best circuit, always by scan.
         parameters: Its best circuit.
-        history_v: Best RMSE after every generation, by the objective that was searched.
         evaluations: Simulated candidates.
         failures: Candidates without a finite error.
     """
 
     rmse_v: Loss
     parameters: CircuitParameters
-    history_v: Annotated[Float[np.ndarray, "generations"], ARRAY]
     evaluations: int
     failures: int
 
@@ -181,9 +179,9 @@ def search_many(
     searches = []
     for problem, first in zip(problems, range(0, len(outcomes), seeds), strict=True):
         own = outcomes[first : first + seeds]
-        points, histories, evaluations, failures = zip(*own, strict=True)
+        points, losses_v, evaluations, failures = zip(*own, strict=True)
         circuits = problem.parameters_at(points, problem.objective.coordinates)
-        errors_v = [float(history_v[-1]) for history_v in histories]
+        errors_v = [*map(float, losses_v)]
         if not np.isfinite(errors_v).any():
             raise InputError(
                 f"{problem.prepared.record.name}: no candidate gave a finite error; check the "
@@ -191,8 +189,7 @@ def search_many(
             )
         if problem.kind != "scan":
             errors_v = rmse_by_scan(problem, circuits)
-        parts = errors_v, circuits, histories, map(int, evaluations), map(int, failures)
-        answers = [*map(SeedAnswer, *parts)]
+        answers = [*map(SeedAnswer, errors_v, circuits, map(int, evaluations), map(int, failures))]
         searches.append(Search.of(problem, optimizer, integer, answers))
     return searches
 
@@ -200,7 +197,7 @@ def search_many(
 def _search(
     optimizer: AbstractPopulationMinimiser, objective: Objective, keys: Key[Array, "seeds"]
 ):
-    """Best point, history, evaluations and failures of every key, in one compiled call."""
+    """Best point and loss, evaluations and failures of every key, in one compiled call."""
     box = objective.coordinates
 
     def one(key):
@@ -214,6 +211,6 @@ def _search(
             throw=False,
         )
         stats = solution.stats
-        return solution.value, stats["history"], stats["evaluations"], stats["failures"]
+        return solution.value, stats["best_loss"], stats["evaluations"], stats["failures"]
 
     return jax.vmap(one)(keys)

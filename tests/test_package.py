@@ -8,6 +8,8 @@ import json
 import re
 import subprocess
 import sys
+import tarfile
+import tomllib
 import zipfile
 from pathlib import Path
 
@@ -154,10 +156,10 @@ def test_importing_everything_changes_no_jax_setting_and_starts_no_device(everyt
     assert everything["has devices"] is False
 
 
-def build(folder, *targets):
+def build(folder):
     pytest.importorskip("hatchling", reason="a wheel is built without isolation: needs hatchling")
     subprocess.run(
-        [sys.executable, "-m", "hatchling", "build", *targets, "-d", str(folder)],
+        [sys.executable, "-m", "hatchling", "build", "-d", str(folder)],
         cwd=REPOSITORY,
         check=True,
         capture_output=True,
@@ -165,27 +167,58 @@ def build(folder, *targets):
     )
 
 
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    """A folder with the wheel and the sdist."""
+    folder = tmp_path_factory.mktemp("dist")
+    build(folder)
+    return folder
+
+
 @pytest.mark.slow
-def test_building_twice_gives_the_same_bytes(tmp_path):
-    for folder in ("a", "b"):
-        build(tmp_path / folder)
-    names = sorted(path.name for path in (tmp_path / "a").iterdir())
-    assert [name.rpartition(".")[2] for name in names] == ["whl", "gz"]
-    for name in names:
-        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+def test_building_twice_gives_the_same_bytes(built, tmp_path):
+    build(tmp_path)
+    for first in built.iterdir():
+        assert (tmp_path / first.name).read_bytes() == first.read_bytes()
 
 
-def test_a_wheel_carries_the_bundled_cell_the_templates_the_type_marker_and_the_licence(tmp_path):
-    build(tmp_path, "-t", "wheel")
-    (wheel,) = tmp_path.glob("*.whl")
-    names = set(zipfile.ZipFile(wheel).namelist())
+def files_below(folder):
+    files = (path for path in folder.rglob("*") if path.is_file() and path.suffix != ".pyc")
+    return {path.relative_to(folder.parent).as_posix() for path in files}
+
+
+def test_a_wheel_is_the_package_with_its_bundled_cells_and_licences(built):
+    (wheel,) = built.glob("*.whl")
+    names = zipfile.ZipFile(wheel).namelist()
+    data = {f"barnax/{name}" for name in files_below(REPOSITORY / "data")}
+    assert {n for n in names if ".dist-info/" not in n} == files_below(SOURCE / "barnax") | data
     shipped = [*BUNDLED_NAMES, *HPPC_NAMES, *LFP_NAMES]
-    assert {f"barnax/data/virtual_cell/{name}.parquet" for name in shipped} <= names
-    assert {"barnax/py.typed", "barnax/cli/app.py"} <= names
-    templates = ("report.html", "report.css", "report.md", "report.js")
-    templates += ("uPlot.iife.min.js", "uPlot.min.css", "uPlot.LICENSE")
-    assert {f"barnax/reporting/templates/{name}" for name in templates} <= names
-    exports = ("barnax_cell.h", "barnax_filter.h", "barnax_pybamm.py", "barnax_thevenin.py")
-    assert {f"barnax/export/templates/{name}.jinja" for name in exports} <= names
-    assert any(name.endswith("licenses/LICENSE") for name in names)
-    assert not any(name.startswith(("tests", "benchmarks")) for name in names)
+    assert {f"barnax/data/virtual_cell/{name}.parquet" for name in shipped} <= data
+    assert {name.rpartition("/")[2] for name in names if "licenses/" in name} == {
+        *("LICENSE", "uPlot.LICENSE")
+    }
+
+
+def test_an_sdist_has_what_builds_and_tests_it(built):
+    (sdist,) = built.glob("*.tar.gz")
+    with tarfile.open(sdist) as archive:
+        names = {name.partition("/")[2] for name in archive.getnames()}
+    for folder in ("src/barnax", "data/virtual_cell", "tests", "benchmarks", "conda"):
+        assert {
+            f"{Path(folder).parent / each}" for each in files_below(REPOSITORY / folder)
+        } <= names
+    assert {"pyproject.toml", "README.md", "LICENSE", "CITATION.cff"} <= names
+    assert not any(name.startswith("docs/repository") for name in names)
+
+
+def test_the_conda_recipe_needs_what_the_package_needs():
+    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]
+    recipe = (REPOSITORY / "conda" / "recipe.yaml").read_text()
+    run = re.search(r"^  run:\n((?:    - .*\n)+)", recipe, re.M)[1]
+    # On conda-forge, matplotlib without a window system has a name of its own.
+    listed = run.replace(" ", "").replace("matplotlib-base", "matplotlib").split("\n-")
+    needed = {f"python{project['requires-python']}", *project["dependencies"]}
+    assert {each.strip("-\n") for each in listed} == needed
+    assert f'version: "{barnax.__version__}"' in recipe
+    (host,) = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["build-system"]["requires"]
+    assert f"    - {host.replace('>=', ' >=')}\n" in recipe

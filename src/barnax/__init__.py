@@ -8,7 +8,7 @@ import lazy_loader
 
 from .display import HOOKS
 
-__version__ = "0.2.0"
+__version__ = "1.0.0rc1"
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 HOOKS |= {
     "Result.load": "barnax.reopening:loaded",

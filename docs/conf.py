@@ -32,7 +32,7 @@ extensions = [
     "sphinx_copybutton",
     "sphinx_design",
 ]
-exclude_patterns = ["build", "result.schema.json"]
+exclude_patterns = ["build", "paper/*", "result.schema.json"]
 html_theme = "furo"
 html_title = f"barnax {release}"
 html_static_path = ["site.css", "sort.js"]
@@ -119,10 +119,10 @@ def mark_code(app: Any, what: str, name: str, thing: Any, options: Any, lines: l
     lines[:] = [re.sub(r"(?<!`)`([^`]+)`(?!`)(?=(\w?))", _literal, line) for line in lines]
 
 
-def _literal(found: re.Match[str]) -> str:
-    is_public = found[1] in barnax.__all__
-    code = f":py:obj:`{found[1]} <barnax.{found[1]}>`" if is_public else f"``{found[1]}``"
-    return code + ("\\ " if found[2] else "")
+def _literal(match: re.Match[str]) -> str:
+    is_public = match[1] in barnax.__all__
+    code = f":py:obj:`{match[1]} <barnax.{match[1]}>`" if is_public else f"``{match[1]}``"
+    return code + ("\\ " if match[2] else "")
 
 
 def mark_options(app: Any, tree: Any, page: str) -> None:

@@ -63,20 +63,20 @@ def draw_intervals() -> Figure:
     """Both intervals of every determined parameter, relative to its value."""
     assessment = identified().constant.assessment
     assert assessment is not None
-    known = [e for e in assessment.uncertainty.estimates if e.low is not None]
+    determined = [e for e in assessment.uncertainty.estimates if e.low is not None]
     figure = style.make_figure(height_in=2.6)
     axes = figure.subplots()
-    places = np.arange(len(known))[::-1]
+    heights = np.arange(len(determined))[::-1]
     for shift, color, label, ends in (
-        (0.14, style.BLUE, "95 % interval", [(e.low, e.high) for e in known]),
-        (-0.14, style.ORANGE, "if the residuals were white noise", [white(e) for e in known]),
+        (0.14, style.BLUE, "95 % interval", [(e.low, e.high) for e in determined]),
+        (-0.14, style.ORANGE, "if the residuals were white noise", [white(e) for e in determined]),
     ):
-        low, high = (np.array(ends, float) / [[e.value] for e in known]).T
-        axes.hlines(places + shift, low, high, color=color, linewidth=4, label=label)
+        low, high = (np.array(ends, float) / [[e.value] for e in determined]).T
+        axes.hlines(heights + shift, low, high, color=color, linewidth=4, label=label)
     axes.set_xscale("log")
     style.label_plainly(axes.xaxis)
     axes.axvline(1.0, color=style.BLACK, linewidth=0.7)
-    axes.set_yticks(places, [e.name.split(" ")[0] for e in known])
+    axes.set_yticks(heights, [e.name.split(" ")[0] for e in determined])
     axes.set_xlabel("Multiple of the identified value [-]")
     return style.finish(figure, axes)
 
@@ -106,12 +106,12 @@ def draw_exported() -> Figure:
 
 
 @style.figure_style()
-def draw_own_ocv() -> Figure:
+def draw_fitted_ocv() -> Figure:
     """The OCV of a drive cycle alone, its intervals, and the OCV test."""
     alone = barnax.identify(barnax.bundled_file("identification"), capacity=2.0, seeds=0)
     assert alone.tables is not None
-    known = [e for e in alone.fit.intervals if e.name == "OCV [V]" and e.low is not None]
-    soc, value, low, high = np.array([(e.soc, e.value, e.low, e.high) for e in known], float).T
+    determined = [e for e in alone.fit.intervals if e.name == "OCV [V]" and e.low is not None]
+    soc, value, low, high = np.array([(e.soc, e.value, e.low, e.high) for e in determined], float).T
     tests = [barnax.read_record(barnax.bundled_file(f"ocv_{w}")) for w in ("discharge", "charge")]
     measured_v = barnax.characterize(tests).average_ocv_v(soc)
     figure = style.make_figure(height_in=2.8)
@@ -128,7 +128,7 @@ def draw_own_ocv() -> Figure:
 
 
 def simulated_cells() -> Iterator[dict]:
-    """Cells of known circuits that carry the bundled record's current."""
+    """Cells of given circuits that carry the bundled record's current."""
     test = barnax.read_record(barnax.bundled_file("ocv_discharge"))
     cell = barnax.characterize([test], ocv_fit="interpolated")
     drive = pl.read_parquet(barnax.bundled_file("identification")).head(3000)
@@ -174,7 +174,7 @@ def draw_pack() -> Figure:
 
 
 def draw_life() -> Figure:
-    """A fleet of which numbers are drawn, one cell of which ages faster."""
+    """An invented fleet, one cell of which ages faster."""
     rng = np.random.default_rng(0)
     rows = []
     for cell in range(12):
@@ -210,7 +210,7 @@ PICTURES: dict[str, Callable[[], Figure]] = {
     "ocv": draw_ocv,
     "intervals": draw_intervals,
     "exported": draw_exported,
-    "own_ocv": draw_own_ocv,
+    "fitted_ocv": draw_fitted_ocv,
     "replay": draw_replay,
     "fleet": draw_fleet,
     "pulses": of_pulses("pulses"),

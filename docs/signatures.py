@@ -31,13 +31,13 @@ class _Readable(ast.NodeTransformer):
         return self.visit(ast.parse(node.value, mode="eval").body) if is_text else node
 
     def visit_Name(self, node: ast.Name) -> ast.AST:
-        known = self.names.get(node.id)
-        if known is Any:
+        value = self.names.get(node.id)
+        if value is Any:
             return ast.Name("object")
-        if get_origin(known) is Literal:
-            return ast.Name(" | ".join(map(repr, get_args(known))))
-        if get_origin(known) is Annotated:
-            return ast.Name(get_args(known)[0].__name__)
+        if get_origin(value) is Literal:
+            return ast.Name(" | ".join(map(repr, get_args(value))))
+        if get_origin(value) is Annotated:
+            return ast.Name(get_args(value)[0].__name__)
         return node
 
     def visit_Attribute(self, node: ast.Attribute) -> ast.AST:
@@ -92,20 +92,20 @@ def add_types(app: Any, what: str, name: str, thing: Any, options: Any, lines: l
         thing = thing.fget
     elif what not in ("function", "method", "class"):
         return
-    types, told = types_of(thing), []
+    types, described = types_of(thing), []
     for line in lines:
         field = FIELD.match(line)
         if field and field[2] in types:
-            told.append(_type_field(TYPE_FIELDS[field[1]], field[2], types.pop(field[2])))
-        told.append(line)
+            described.append(_type_field(TYPE_FIELDS[field[1]], field[2], types.pop(field[2])))
+        described.append(line)
     returned, rest = types.pop("return", "None"), [] if what == "class" else types.items()
     added = [part for one in rest for part in (_type_field("type", *one), f":param {one[0]}:")]
     added += [f":rtype: {returned}"] * (returned != "None")
     # Behind the last field and what belongs to it, else at the end.
-    fields = [place for place, line in enumerate(told) if FIELD.match(line)]
-    end = told.index("", fields[-1]) if fields else len(told)
-    told[end:end] = added if fields else ["", *added]
-    lines[:] = told
+    fields = [index for index, line in enumerate(described) if FIELD.match(line)]
+    end = described.index("", fields[-1]) if fields else len(described)
+    described[end:end] = added if fields else ["", *added]
+    lines[:] = described
 
 
 def _type_field(kind: str, name: str, written: str) -> str:

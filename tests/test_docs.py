@@ -96,7 +96,8 @@ def test_every_page_is_in_the_table_of_contents():
     listed = {*PAGES["index.md"].splitlines()}
     for folder in ("api", "notebooks"):
         listed |= {f"{folder}/{line}" for line in PAGES[f"{folder}/index.md"].splitlines()}
-    assert {name.removesuffix(".md") for name in PAGES} - {"index"} <= listed
+    # A paper is no page of the site.
+    assert {name.removesuffix(".md") for name in PAGES} - {"index", "paper/paper"} <= listed
 
 
 REFERENCE = [
@@ -110,8 +111,8 @@ REFERENCE = [
 
 def described(thing):
     """The names that a docstring's section on arguments or attributes explains."""
-    own = [each for each in getattr(thing, "__mro__", (thing,)) if "barnax" in each.__module__]
-    texts = [inspect.cleandoc(each.__doc__ or "") for each in own]
+    classes = [each for each in getattr(thing, "__mro__", (thing,)) if "barnax" in each.__module__]
+    texts = [inspect.cleandoc(each.__doc__ or "") for each in classes]
     sections = re.findall(r"^(?:Args|Attributes):\n((?:    .*\n?)+)", "\n\n".join(texts), re.M)
     return {name for each in sections for name in re.findall(r"^    (\w+): ", each, re.M)}
 

@@ -81,18 +81,18 @@ def test_the_version_is_one_everywhere():
 
 @pytest.fixture(scope="module")
 def everything():
-    """What one fresh interpreter tells that imports every name, in an order of its own."""
+    """What one fresh interpreter reports that imports every name, in random order."""
     code = """
 import json, random
 import jax
 before = dict(jax.config.values)
 import barnax
 names = random.Random(0).sample(barnax.__all__, len(barnax.__all__))
-told = {"kinds": {name: type(getattr(barnax, name)).__name__ for name in names}}
-told["changed"] = [key for key, value in jax.config.values.items() if before.get(key) != value]
+report = {"kinds": {name: type(getattr(barnax, name)).__name__ for name in names}}
+report["changed"] = [key for key, value in jax.config.values.items() if before.get(key) != value]
 from jax._src import xla_bridge
-told["has devices"] = xla_bridge.backends_are_initialized()
-print(json.dumps(told))
+report["has devices"] = xla_bridge.backends_are_initialized()
+print(json.dumps(report))
 """
     return json.loads(python("-c", code))
 
@@ -108,11 +108,13 @@ def test_all_names_resolve_to_the_same_kinds_in_any_order(everything):
 
 def test_every_public_name_has_a_docstring():
     values = {name: getattr(barnax, name) for name in barnax.__all__}
-    # A registry and the version have none of their own.
-    told = {name: each for name, each in values.items() if callable(each) or inspect.ismodule(each)}
-    assert not [name for name, each in told.items() if not inspect.getdoc(each)]
+    # A registry and the version have no docstring of their own.
+    named = {
+        name: each for name, each in values.items() if callable(each) or inspect.ismodule(each)
+    }
+    assert not [name for name, each in named.items() if not inspect.getdoc(each)]
     for name in ("identify", "compare", "check_file", "read_record", "Result", "bundled_file"):
-        assert ">>> " in inspect.getsource(inspect.unwrap(told[name]))
+        assert ">>> " in inspect.getsource(inspect.unwrap(named[name]))
 
 
 WITH_EXAMPLES = [
@@ -122,7 +124,7 @@ WITH_EXAMPLES = [
 ]
 
 
-# These take seconds, and have tests of their own.
+# These take seconds, and have tests elsewhere.
 LONG = ("barnax.experiment.next_test", "barnax.pack", "barnax.results")
 
 
@@ -138,11 +140,11 @@ def test_the_examples_of_docstrings_run(name, tmp_path, monkeypatch):
     module, finder = importlib.import_module(name), doctest.DocTestFinder()
     # A function under `jit` is not a function to doctest.
     values = [inspect.unwrap(each) for each in vars(module).values() if callable(each)]
-    own = [each for each in values if getattr(each, "__module__", None) == name]
-    found = doctest.DocTestFinder(recurse=False).find(module)
-    found += [one for each in own for one in finder.find(each, each.__name__, module)]
+    functions = [each for each in values if getattr(each, "__module__", None) == name]
+    doctests = doctest.DocTestFinder(recurse=False).find(module)
+    doctests += [one for each in functions for one in finder.find(each, each.__name__, module)]
     runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
-    assert sum(runner.run(each).attempted for each in found if each.examples) > 0
+    assert sum(runner.run(each).attempted for each in doctests if each.examples) > 0
     assert runner.failures == 0
 
 
@@ -215,7 +217,7 @@ def test_the_conda_recipe_needs_what_the_package_needs():
     project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]
     recipe = (REPOSITORY / "conda" / "recipe.yaml").read_text()
     run = re.search(r"^  run:\n((?:    - .*\n)+)", recipe, re.M)[1]
-    # On conda-forge, matplotlib without a window system has a name of its own.
+    # On conda-forge, matplotlib without a window system has another name.
     listed = run.replace(" ", "").replace("matplotlib-base", "matplotlib").split("\n-")
     needed = {f"python{project['requires-python']}", *project["dependencies"]}
     assert {each.strip("-\n") for each in listed} == needed

@@ -48,7 +48,7 @@ myst_heading_anchors = 3
 # Notebooks run from their text, each in a folder of its own, and a failing cell fails the site.
 nb_execution_mode = "cache"
 nb_execution_cache_path = str(REPOSITORY / "build" / "notebooks")
-nb_execution_timeout = 300
+nb_execution_timeout = 900
 nb_execution_in_temp = True
 nb_execution_raise_on_error = True
 nb_merge_streams = True

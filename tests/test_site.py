@@ -44,11 +44,9 @@ def article(site, page):
 
 
 def images(site, page):
-    """The pictures of a page; those that are files are there."""
+    """The number of pictures of a page."""
     text = article(site, page)
-    files = re.findall(r'<img[^>]* src="([^"]+)"', text)
-    assert all((site / page).parent.joinpath(file).is_file() for file in files)
-    return len(files) + text.count("<svg")
+    return text.count("<img") + text.count("<svg")
 
 
 @pytest.mark.parametrize("page", ["index", "getting-started", "read-the-answer", *GUIDES])
@@ -63,14 +61,6 @@ def test_a_notebook_shows_a_figure_wherever_a_cell_ends_with_one(site, name):
     drawn = sum(bool(DRAWS.match(cell.splitlines()[-1])) for cell in cells)
     assert images(site, f"notebooks/{name}") >= max(drawn, 1)
     assert "&lt;Figure" not in article(site, f"notebooks/{name}")
-
-
-@pytest.mark.parametrize("name", NOTEBOOKS)
-def test_jupyter_opens_a_notebook(name):
-    jupytext = pytest.importorskip("jupytext", reason="the site needs the extra docs")
-    notebook = jupytext.read(FOLDER / "notebooks" / f"{name}.md")
-    assert notebook.metadata.kernelspec.name == "python3"
-    assert {cell.cell_type for cell in notebook.cells} == {"markdown", "code"}
 
 
 def test_no_directive_or_formula_is_shown_as_text(site):

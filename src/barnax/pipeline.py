@@ -22,7 +22,6 @@ from .inputs import Inputs, read_inputs, telling, windows_by_name, windows_of
 from .job import Job, takes_options
 from .model.prepared import PreparedRecord
 from .model.problem import Problem
-from .model.start import cuts_under_load
 from .model.window import Window
 from .notices import Notice
 from .optimizers import make_optimizer
@@ -279,8 +278,6 @@ def _with_warnings(result: Result, problem: Problem, inputs: Inputs | None = Non
             warnings.append(Notice("answer.worse-than-constant", {"r2": r2}, name))
     records = [(one.prepared.record, one.prepared.temperature_degc) for one in identified]
     warnings += compare_resistances(records)
-    prepared = [one.prepared for one in identified]
-    warnings += cuts_under_load([(one.record, float(one.rest_current_a)) for one in prepared])
     for evaluation in identified:
         fits, constant = result.tables, result.constant.parameters
         parameters = constant if fits is None else fits.of(evaluation.prepared)

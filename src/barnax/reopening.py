@@ -21,8 +21,9 @@ from .notices import Notice
 from .over_soc.fits import no_temperature
 from .over_soc.registration import rest_warnings
 from .plan import plan_from_toml
-from .records import Given, Record, find_file, folders_around, read_record
+from .records import Given, Record, Source, find_file, folders_around, read_record
 from .records.fingerprint import Content, read_fingerprint
+from .records.log import NEXT_FILE, joined
 from .result_filter import read_for
 from .result_parts import InputPart, MetricsPart
 from .results import Result
@@ -81,16 +82,25 @@ class StoredInputs:
         if not self.plan.is_file() or self.plan.stat().st_size > LARGEST_PLAN:
             return ()
         with suppress(InputError, ValueError, RecursionError):
-            return tuple({part.path.parent: None for part in plan_from_toml(self.plan).parts})
+            paths = (path for part in plan_from_toml(self.plan).parts for path in part.paths)
+            return tuple({path.parent: None for path in paths})
         return ()
+
+    def _files_of(self, part: InputPart) -> Source:
+        """The file of a record, or those of its log. Raises `InputError` where one is not there."""
+        digests = part.sha256.split() or [""]
+        names = file_of(part.name).rsplit(NEXT_FILE, len(digests) - 1)
+        files = [self.find(*file) for file in zip(names, digests, strict=True)]
+        for file in files:
+            if isinstance(file, Notice):
+                raise file.error()
+        return joined([source_of(file, {}, self.reading) for file in files])
 
     def read(self, part: InputPart) -> Record:
         """A record as it was identified on. Raises `InputError` where it is not there any more."""
         given = self.given.get(part.name)
         if given is None:
-            given = self.find(file_of(part.name), part.sha256)
-        if isinstance(given, Notice):
-            raise given.error()
+            given = self._files_of(part)
         if not isinstance(given, Record):
             source = replace(source_of(given, {}, self.reading), name=part.name)
             if PART.search(part.name) and part.fingerprint:

@@ -8,7 +8,6 @@ import pytest
 from barnax.errors import InputError
 from barnax.model.prepared import prepare_record, try_record
 from barnax.model.problem import make_problem
-from barnax.model.start import cuts_under_load
 from barnax.model.window import Window
 from helpers.problems import simulated_record
 from helpers.reference import make_record
@@ -261,29 +260,6 @@ def test_a_log_with_dates_is_known_by_them_for_each_clock_starts_at_zero(
         make_problem([*log[::-1], part("later", 250, 300)], bundled_cell)
     code = "start.goes-on" if has_all_dates else "start.unrested"
     assert (told.value.notice.subject, told.value.code) == ("two", code)
-
-
-def test_a_log_that_is_cut_under_load_is_a_warning(bundled_cell):
-    # A load over the cut at 200 s, and a long rest over that at 2400 s.
-    loads = [(0.0, 60), (1.0, 400), (0.0, 4000), *PULSES]
-    whole, _ = made(bundled_cell, loads, 0.8)
-
-    def part(first_s, last_s, name):
-        rows = slice(*np.searchsorted(whole.time_s, [first_s, last_s]))
-        record = make_record(whole.time_s[rows], whole.current_a[rows], name=name)
-        return replace(record, sha256=name)
-
-    def told(*records):
-        return list(cuts_under_load([(record, 0.02) for record in records]))
-
-    one, two = part(0, 200, "one"), part(200, 2400, "two")
-    (warning,) = told(part(2400, np.inf, "three"), two, one)
-    assert (warning.severity, warning.code, warning.subject) == ("warning", "start.goes-on", "two")
-    assert "its RC pairs are taken as relaxed" in warning.what
-    assert "join one, two, three, in this order" in warning.remedy
-    assert told(one, part(300, np.inf, "later")) == told(one) == []
-    # Parts of one file are cut where its tests end.
-    assert told(one, replace(two, sha256="one")) == []
 
 
 def test_what_a_record_cannot_have_is_an_answer(bundled_cell):

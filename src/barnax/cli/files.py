@@ -138,7 +138,7 @@ def convert(what: Converted) -> None:
     with session.watch("Loading"):
         from ..inputs import how_read, lags_of, require_records
         from ..records import read_source
-        from ..records.source import joined
+        from ..records.log import joined
 
     stem = file.name.split(".")[0] if file.name != "-" else "record"
     path = what.out or Path(f"{stem}.{what.to}.parquet")
@@ -158,7 +158,7 @@ def convert(what: Converted) -> None:
     with session.watch(f"Reading {file.name}"):
         how = Reading(**what.read)
         sources = [read_source(path, columns=how.columns, series=how.series) for path in what.files]
-        source = sources[0] if len(sources) == 1 else joined(sources)
+        source = joined(sources)
         require_records(lags_of(how), {source.name})
         # A current that is moved to the voltage's moments is no longer the file's.
         how = replace(how, voltage_lag=how.voltage_lag or 0.0)

@@ -214,7 +214,7 @@ def _sampled_by(promise: "barnax.Design", plan: "barnax.Plan") -> "barnax.Plan":
     from ..records import read_record, read_source
 
     on = plan.of_role("identification")
-    is_file = len(on) == 1 and on[0].span_s is None and on[0].path.is_file()
+    is_file = len(on) == 1 and not (on[0].span_s or on[0].more) and on[0].path.is_file()
     if "current_hold" in plan.options or not is_file:
         return plan
     part, reading = on[0], barnax.Job(**plan.options).part(Reading)

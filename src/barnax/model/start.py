@@ -13,7 +13,8 @@ from ..cell.soc_axis import BEYOND_SOC
 from ..errors import InputError
 from ..notices import Notice
 from ..records import Record
-from ..records.record import MINIMUM_REST_S, Segments, is_long, pause_s
+from ..records.log import goes_on
+from ..records.record import MINIMUM_REST_S, Segments, is_long
 from ..records.samples import record_resistance_ohm
 from ..settings import SocSource
 from .rest import cell_at_rest, fitted_soc, mean_at_rest
@@ -342,48 +343,13 @@ def _is_within(value: float, ends: Sequence[float], margin: float) -> bool:
 
 def require_whole_log(record: Record, records: Sequence[Record], unknown: InputError) -> None:
     """Raise `InputError` where a record, whose start is not known, is one log with others."""
-    log = _log_of(record, records)
-    if len(log) > 1:
-        raise _goes_on(record, log).error() from unknown
-
-
-def cuts_under_load(records: Sequence[tuple[Record, float]]) -> Iterator[Notice]:
-    """A warning of each record in which the load goes on from the file before, of the same log: its
-    RC pairs are not relaxed there. Currents below that beside the record are none."""
-    every = [record for record, _ in records]
-    for record, rest_a in records:
-        log = _log_of(record, every)
-        at = log.index(record)
-        # Parts of one file were cut where its tests end.
-        if not at or log[at - 1].sha256 == record.sha256 != "":
-            continue
-        before, loaded = log[at - 1], record.segments(rest_a).loaded
-        earlier = before.segments(rest_a).loaded
-        if not len(loaded) or not len(earlier):
-            continue
-        rest_s = record.time_s[loaded[0]] - record.time_s[0]
-        rest_s += before.time_s[-1] - before.time_s[earlier[-1]]
-        if not is_long(float(rest_s)):
-            yield _goes_on(record, log, lost="pairs").rated("warning")
-
-
-def _goes_on(record: Record, log: Sequence[Record], **lost: str) -> Notice:
-    others = ", ".join(other.name for other in log if other is not record)
-    files = ", ".join(other.name for other in log)
-    return Notice("start.goes-on", {"others": others, "files": files, **lost}, record.name)
-
-
-def _log_of(record: Record, records: Sequence[Record]) -> list[Record]:
-    """The records that are one log with a record, in their order: their clock goes on from file to
-    file, or their dates do."""
-
-    def goes_on(later: Record, earlier: Record) -> bool:
-        # The row at which a log was cut may be in both files.
-        return 0 <= pause_s(earlier, later) <= 2 * float(np.median(later.interval_s))
-
     log = [record]
-    while before := next((other for other in records if goes_on(log[0], other)), None):
+    while before := next((other for other in records if goes_on(other, log[0])), None):
         log.insert(0, before)
-    while after := next((other for other in records if goes_on(other, log[-1])), None):
+    while after := next((other for other in records if goes_on(log[-1], other)), None):
         log.append(after)
-    return log
+    if len(log) > 1:
+        others = ", ".join(other.name for other in log if other is not record)
+        files = ", ".join(other.name for other in log)
+        told = {"others": others, "files": files}
+        raise Notice("start.goes-on", told, record.name).error() from unknown

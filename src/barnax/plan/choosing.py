@@ -13,7 +13,7 @@ from ..notices import Notice
 from ..records import Given
 from ..records.source import files_of
 from ..settings import OVER_TEMPERATURE, Reading
-from .document import Plan
+from .document import Plan, Use
 from .draft import (
     Draft,
     another_cell,
@@ -87,20 +87,20 @@ def plan(
     if not free and (twice := [file for file in given if _places([file]) & _places(others)]):
         raise Notice("role.given-twice", {"same": "name"}, Path(twice[0]).name).error()
     windows = windows_by_name(window)
-    roles = {"identification": free, "OCV test": tests, "validation": others}
-    looked = list(look(roles, reading or Reading(), watch, windows))
-    first, last = len(free), len(free) + len(tests)
-    if all(file.refusal for file in looked):
-        raise InputError("\n".join(file.refusal for file in looked))
+    roles: dict[Use, Any] = {"identification": free, "OCV test": tests, "validation": others}
+    looked = look(roles, reading or Reading(), watch, windows)
+    free, tests, others = looked.values()
+    if all(file.refusal for file in (*free, *tests, *others)):
+        raise InputError("\n".join(file.refusal for file in (*free, *tests, *others)))
     # Of a folder some files may be anything; those whose role is given are meant.
-    for file in looked[first:]:
+    for file in (*tests, *others):
         if file.refusal:
             raise InputError(file.refusal)
     with watch("Planning", 0):
-        files = [part for file in looked[:first] for part in split(file)] + looked[first:]
+        files = [*(part for file in free for part in split(file)), *tests, *others]
         given = windows.get("", Window()) if capacity is None else Window(capacity_ah=capacity)
         draft = Draft(files, given_ah=given.capacity_ah, is_over=over == OVER_TEMPERATURE)
-        return _decide(draft, looked[first:last], looked[last:])
+        return _decide(draft, tests, others)
 
 
 def _places(files: Sequence[Given]) -> set[Path]:

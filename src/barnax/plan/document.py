@@ -18,6 +18,7 @@ from ..job import OPTIONS, PLANNED, Job
 from ..model.window import START, Windows, merged
 from ..notices import Notice
 from ..records import Given, Hold
+from ..records.log import NEXT_FILE
 from ..records.source import find_planned
 from ..result_parts import PlannedFile, Use
 from ..settings import WINDOW_OPTIONS, Window, choices_in
@@ -39,7 +40,9 @@ class Part:
     `kind` says what it is: a drive cycle, a pulse test, unreadable and so on. `span_s` cuts a file
     that holds several tests, on its own clock. `window` is that of a simulation, for identification
     and validation; `plans_soc` says that its SOC at the start is the plan's own, and not given.
-    `source` is what was read of the file, if it was, and `sha256` the file's digest, if known.
+    `source` is what was read of the file, if it was, and `sha256` the file's digest, if known; that
+    of a log that was cut into several files, of which `more` are the further ones, holds those of
+    all.
     `sampling` is the hold of its current that the steps of a designed test show; it is that of all
     files with the same columns, as one logger's is.
     """
@@ -56,6 +59,12 @@ class Part:
     source: Given = field(default=None, repr=False, compare=False)
     sha256: str = ""
     sampling: Hold | None = None
+    more: tuple[Path, ...] = ()
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """All files of its log."""
+        return (self.path, *self.more)
 
     @property
     def is_simulated(self) -> bool:
@@ -92,7 +101,7 @@ class Plan(Brief):
     @property
     def unwritable(self) -> str | None:
         """The first file whose name TOML cannot hold."""
-        paths = (str(part.path) for part in self.parts)
+        paths = (str(path) for part in self.parts for path in part.paths)
         return next((p for p in paths if p.encode(errors="replace").decode() != p), None)
 
     @property
@@ -170,6 +179,7 @@ _WORDS: dict[Any, str] = {
     "bounds": "the name of a file, or pairs of numbers by name",
     "fix": "numbers by name",
     "columns": "text in quotes, or texts by name",
+    "file": "text in quotes, or texts where a log was cut into several files",
     "sampling": ", ".join(get_args(Hold)),
     "voltage_lag": "a number, texts like FILE=0.3, or numbers by name of record",
 }
@@ -184,7 +194,7 @@ _PART = get_type_hints(Part)
 _OF_RECORD = {option: get_type_hints(Window)[name] for option, name in _FIELD_OF.items()}
 _OF_RUN = {**_OF_RECORD, **{name: OPTIONS[name] for name in PLANNED}}
 _OF_FILE = {
-    **{"file": str, "name": str, "role": str, "span": _PART["span_s"]},
+    **{"file": str | tuple[str, ...], "name": str, "role": str, "span": _PART["span_s"]},
     **_OF_RECORD,
     **{name: _PART[name] for name in _FINDINGS},
 }
@@ -223,7 +233,8 @@ def plan_to_toml(plan: Plan) -> str:
 
 
 def _table(part: Part, common: Mapping[str, Any]) -> dict[str, Any]:
-    table: dict[str, Any] = {"file": str(part.path), "role": part.role}
+    paths = [*map(str, part.paths)]
+    table: dict[str, Any] = {"file": paths if part.more else paths[0], "role": part.role}
     if part.span_s is not None:
         table |= {"name": part.name, "span": list(part.span_s)}
     own = _known(part.window)
@@ -274,7 +285,7 @@ def plan_from_toml(path: str | Path) -> Plan:
     warnings: tuple[Notice, ...] = ()
     if isinstance(options.get("bounds"), str):
         bounds = Path(options["bounds"])
-        options["bounds"], warnings = find_planned(bounds, bounds.name, path.parent)
+        options["bounds"], warnings = find_planned(bounds, bounds.name, place=path.parent)
     try:
         _, window = Job(**options), Window(**common)
     except InputError as problem:
@@ -294,7 +305,8 @@ def _part(shown: str, table: Mapping[str, Any], common: Window) -> Part:
     missing = [key for key in ("file", "role") if key not in given]
     if missing:
         raise InputError(f"{shown}: a table [[files]] has no {missing[0]!r}")
-    file, role = given.pop("file"), given.pop("role")
+    files, role = given.pop("file"), given.pop("role")
+    file, *more = [files] if isinstance(files, str) else files or [""]
     if role not in ROLES:
         raise InputError(
             f"{shown}: role {role!r} of {file} is not known; there are {', '.join(ROLES)}"
@@ -308,20 +320,28 @@ def _part(shown: str, table: Mapping[str, Any], common: Window) -> Part:
     except InputError as problem:
         raise InputError(f"{shown}: {file}: {as_keys(str(problem))}") from problem
     part = Part(Path(file), name, role, window=window, span_s=span, **findings)
+    part = replace(part, more=tuple(map(Path, more)))
     return replace(part, window=merged(common, window)) if part.is_simulated else part
 
 
 def _named(parts: tuple[Part, ...], place: Path) -> tuple[tuple[Part, ...], tuple[Notice, ...]]:
     """The parts where they lie, by the names that results will call their files, and warnings."""
-    names = file_names([part.path for part in parts if part.role != "not used"])
+    used = (path for part in parts if part.role != "not used" for path in part.paths)
+    names = file_names(used)
     found, warnings = [], dict[Notice, None]()
     # A file is read once, however many parts of it are planned.
-    find = functools.cache(find_planned)
+    find = functools.cache(functools.partial(find_planned, place=place))
     for part in parts:
-        name = names.get(part.path, part.path.name)
-        path, taken = find(part.path, name, place, part.sha256)
-        found.append(replace(part, path=path, name=part.name or name))
-        warnings |= dict.fromkeys(taken if part.role != "not used" else ())
+        digests = part.sha256.split() or [""] * len(part.paths)
+        if len(digests) != len(part.paths):
+            raise InputError(f"{part.path}: a plan has one digest for each file of a log, or none")
+        own = [names.get(path, path.name) for path in part.paths]
+        lies = [find(*each) for each in zip(part.paths, own, digests, strict=True)]
+        (path, *more), taken = zip(*lies, strict=True)
+        name = part.name or NEXT_FILE.join(own)
+        found.append(replace(part, path=path, more=tuple(more), name=name))
+        if part.role != "not used":
+            warnings |= dict.fromkeys(notice for several in taken for notice in several)
     return tuple(found), tuple(warnings)
 
 

@@ -107,11 +107,12 @@ class Draft:
                 file.name,
                 role,
                 file.kind(self.capacity_ah),
-                reason,
+                "; ".join(filter(None, (reason, file.evidence))),
                 window,
                 span_s=None if file.source is None else file.source.span_s,
                 temperature_degc=file.temperature_degc,
                 plans_soc=window.initial_soc is not None and file.chosen.initial_soc is None,
+                more=file.more,
                 source=None if role == "not used" else file.known or file.source,
                 sha256=file.source.sha256 if file.source else "",
             )

@@ -3,9 +3,11 @@
 A file that holds a whole schedule is cut into its tests, by full charges and by OCV sweeps.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import permutations
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +21,13 @@ from ..checks.roles import SuggestedWindow
 from ..checks.traits import NO_TRAITS, Kind, Traits
 from ..errors import InputError
 from ..execution import Watch
-from ..inputs import file_names, how_read, name_of, named_source, numbered, window_of
+from ..inputs import file_names, how_read, lags_of, name_of, named_source, numbered, window_of
 from ..model.window import START, Window, temperature_of
 from ..records import Record, Source, read_record
+from ..records.log import continuation, joined
 from ..records.record import TAPERED
 from ..settings import Reading
-from .document import merged
+from .document import Use, merged
 
 # Kinds of tests that have a role.
 SERVING = ("OCV test", "slow sweep", "pulse test", "drive cycle")
@@ -44,7 +47,8 @@ _FEWEST, _SHORTEST_S = 50, 600.0
 class CandidateFile:
     """One file that was looked at, with the facts that the checks tell of it.
 
-    `refusal` says why it cannot be read, empty where it can. `traits` are those of a record, and
+    `more` are the further files of its log, and `evidence` says why they are. `refusal` says why it
+    cannot be read, empty where it can. `traits` are those of a record, and
     `warnings` the number of those about it. `starts_full` says that the file shows a charge to full
     right before this part of it, `chosen` what its user says of it, and `how` how it is read. What
     is given as a record or table is `known`, and not looked at.
@@ -53,6 +57,8 @@ class CandidateFile:
     path: Path
     name: str
     source: Source | None = None
+    more: tuple[Path, ...] = ()
+    evidence: str = ""
     refusal: str = ""
     traits: Traits = NO_TRAITS
     roles: Mapping[str, Role] = field(default_factory=dict)
@@ -142,14 +148,16 @@ Files = Sequence[CandidateFile]
 
 
 def look(
-    given: Mapping[Any, Sequence[Any]],
+    given: Mapping[Use, Sequence[Any]],
     reading: Reading,
     watch: Watch,
     windows: Mapping[str, Window],
-) -> Iterator[CandidateFile]:
+) -> dict[Use, list[CandidateFile]]:
     """Every file once, in the order given, by the role that it is read for, with what `windows` say
-    of it. One that cannot be read is told as such."""
+    of it; those of one log that was cut under load as one. One that cannot be read is told as
+    such."""
     every = [(item, role) for role, several in given.items() for item in several]
+    looked: dict[Use, list[CandidateFile]] = {role: [] for role in given}
     names, called = file_names([item for item, _ in every]), dict[str, int]()
     for item, role in every:
         is_path = isinstance(item, str | Path)
@@ -172,7 +180,62 @@ def look(
                     file = replace(file, known=source, traits=traits)
             except InputError as problem:
                 file = replace(file, refusal=str(problem))
-        yield file
+        looked[role].append(file)
+    # What is said of a file by its name is said of it alone.
+    named = {*windows, *lags_of(reading)} - {""}
+    for role in looked.keys() - {"OCV test"}:
+        looked[role] = list(_whole_logs(looked[role], named, windows.get("", Window())))
+    return looked
+
+
+def _whole_logs(
+    files: Sequence[CandidateFile], named: Collection[str], common: Window
+) -> Iterator[CandidateFile]:
+    """The files, those that continue each other under load as one; each by itself where several may
+    continue it, or where its name is among those `named`."""
+    kinds = ("slow sweep", "OCV test")
+    pieces = [
+        file
+        for file in files
+        if file.path.is_file()
+        and file.is_record
+        and file.name not in named
+        and file.kind(None) not in kinds
+    ]
+    pairs = [
+        (one, other, evidence)
+        for one, other in permutations(pieces, 2)
+        if (evidence := continuation(one.record, other.record))
+    ]
+    before = Counter(other for _, other, _ in pairs)
+    after = Counter(one for one, _, _ in pairs)
+    following = {one: (other, why) for one, other, why in pairs if before[other] == after[one] == 1}
+    later = {other for other, _ in following.values()}
+    for file in files:
+        if file not in later:
+            yield from _joined_log(file, following, common)
+
+
+def _joined_log(
+    first: CandidateFile,
+    following: Mapping[CandidateFile, tuple[CandidateFile, str]],
+    common: Window,
+) -> list[CandidateFile]:
+    """The log that a file begins; its files where they make no record together."""
+    log, reasons = [first], list[str]()
+    while log[-1] in following:
+        other, why = following[log[-1]]
+        log.append(other)
+        reasons.append(why)
+    if not reasons:
+        return log
+    try:
+        source = joined([file.known_source for file in log])
+        whole = replace(first, name=source.name, source=source, evidence="; ".join(reasons))
+        checked = _checked(replace(whole, more=tuple(file.path for file in log[1:]), chosen=common))
+    except InputError:
+        return log
+    return log if checked.refusal else [checked]
 
 
 def _checked(file: CandidateFile) -> CandidateFile:
@@ -244,8 +307,9 @@ def _tests(file: CandidateFile) -> Iterator[CandidateFile]:
 def _part(file: CandidateFile, first: int, last: int, is_full: bool = False) -> CandidateFile:
     time_s = file.record.time_s
     source = replace(file.known_source, span_s=(float(time_s[first]), float(time_s[last])))
-    part = CandidateFile(file.path, file.name, source, starts_full=is_full, chosen=file.chosen)
-    return _checked(replace(part, how=file.how))
+    part = CandidateFile(file.path, file.name, source, file.more, file.evidence)
+    chosen = file.chosen
+    return _checked(replace(part, starts_full=is_full, chosen=chosen, how=file.how))
 
 
 def _between_charges(record: Record) -> Iterator[tuple[int, int, bool]]:

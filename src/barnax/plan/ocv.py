@@ -15,7 +15,7 @@ from ..cell.soc_axis import CAPACITY_WARNING, CHARGE, DISCHARGE, WORD, Sweep
 from ..errors import InputError
 from ..model.prepared import PreparedRecord, prepare_record
 from ..model.window import Window, first_sample
-from ..records.record import pause_s
+from ..records.log import goes_on, pause_s
 from .looking import CandidateFile, Files, is_same_degc
 
 # A rested cell so near full is full: the last digits of a voltage there tell of the rest before.
@@ -26,9 +26,8 @@ _HOLE = 0.25
 DIGITS = 4
 # What one test takes more out of a cell than another does; a larger cell takes more than that.
 _LITTLE_MORE = 1.15
-# A file goes on from another so many intervals after it, or where its counters agree to this share
-# of the capacity, so soon after.
-_SAME_LOG, _SAME_COUNT, _PAUSE_S = 2.0, 1e-3, 3600.0
+# A file goes on from another where its counters agree to this share of the capacity, so soon after.
+_SAME_COUNT, _PAUSE_S = 1e-3, 3600.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,13 +220,13 @@ def _goes_on(before: CandidateFile, file: CandidateFile, choice: OcvChoice) -> b
     if not before.is_record or not file.is_record or before is file:
         return False
     first, second = before.record, file.record
-    apart_s = pause_s(first, second)
-    if 0 <= apart_s <= _SAME_LOG * float(np.median(second.interval_s)):
+    if goes_on(first, second):
         return True
     if first.charge_ah is None or second.charge_ah is None or not second.charge_ah[0]:
         return False
     apart_ah = abs(float(second.charge_ah[0] - first.charge_ah[-1]))
-    return 0 <= apart_s <= _PAUSE_S and apart_ah <= _SAME_COUNT * choice.cell.capacity_ah
+    least_ah = _SAME_COUNT * choice.cell.capacity_ah
+    return 0 <= pause_s(first, second) <= _PAUSE_S and apart_ah <= least_ah
 
 
 def _final_soc(files: Files, file: CandidateFile, choice: OcvChoice) -> float | None:

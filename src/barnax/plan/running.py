@@ -30,6 +30,7 @@ from ..job import PLANNED, Job
 from ..model.window import Window, temperature_of
 from ..pulses import Pulse, first_pulse
 from ..records import Record, Source, read_record, read_source
+from ..records.log import joined
 from ..records.logger import Decision, Logger, SlowRows
 from ..records.source import STDIN
 from ..result_parts import InputPart
@@ -78,11 +79,11 @@ def plan_given(job: Job, command: Literal["identify", "hppc"] = "identify") -> P
         files["validation"] = listed(job.validate) or BUNDLED.validation
     given = {role: listed(several) for role, several in files.items()}
     windows = windows_by_name(job.window)
-    looked = list(look(given, job.part(Reading), job.watch, windows))
-    of_role = dict(zip(looked, (role for role, own in given.items() for _ in own), strict=True))
-    tests = [file for file, role in of_role.items() if role == "OCV test" and not file.refusal]
+    looked = look(given, job.part(Reading), job.watch, windows)
+    of_role = {file: role for role, several in looked.items() for file in several}
+    tests = [file for file in looked["OCV test"] if not file.refusal]
     given_ah = windows.get("", Window()).capacity_ah if job.capacity is None else job.capacity
-    draft, choices = Draft(looked, given_ah=given_ah), dict[CandidateFile, OcvChoice]()
+    draft, choices = Draft([*of_role], given_ah=given_ah), dict[CandidateFile, OcvChoice]()
     for file, role in of_role.items():
         if command == "hppc" and role == "identification":
             draft.starts[file] = Started(file.chosen)
@@ -95,7 +96,7 @@ def plan_given(job: Job, command: Literal["identify", "hppc"] = "identify") -> P
     if job.over == OVER_TEMPERATURE:
         draft.tell_temperatures()
     # One capacity holds for all, so records of several temperatures have none in common.
-    records = [file for file in looked[: len(given["identification"])] if file in choices]
+    records = [file for file in looked["identification"] if file in choices]
     are_of_one = len({degc for degc, _ in by_temperature(records)} - {None}) < 2
     is_open = records and are_of_one and job.ocv_capacity is None
     options, reasons = options_of(draft, records, choices[records[0]]) if is_open else ({}, {})
@@ -106,7 +107,7 @@ def planned_window(
     record: Source | Record, cell: CellModel, reading: Reading, known: Window
 ) -> Window:
     """The window of a record to validate on a known cell, with what is known of it."""
-    (file,) = look({"validation": [record]}, reading, unwatched, {"": known})
+    (file,) = look({"validation": [record]}, reading, unwatched, {"": known})["validation"]
     draft = Draft([file])
     draft.start_given(file, (), cell)
     return draft.window(file)
@@ -124,7 +125,9 @@ def found_anywhere(found: Plan, inputs: Sequence[InputPart]) -> Plan:
     parts = []
     for part in found.parts:
         path = part.path if part.path == STDIN else part.path.absolute()
-        parts.append(replace(part, path=path, sha256=known.get(part.name, part.sha256)))
+        more = tuple(path.absolute() for path in part.more)
+        sha256 = known.get(part.name, part.sha256)
+        parts.append(replace(part, path=path, more=more, sha256=sha256))
     options = dict(found.options)
     if isinstance(bounds := options.get("bounds"), str | Path):
         options["bounds"] = Path(bounds).absolute()
@@ -159,9 +162,10 @@ def _sources(found: Plan, role: Use, reading: Reading) -> list[Any]:
 
 
 def _source(part: Part, reading: Reading) -> Any:
-    if part.span_s is None and part.sampling is None:
+    if part.span_s is None and part.sampling is None and not part.more:
         return part.source or part.path
-    source = part.source or read_source(part.path, columns=reading.columns, series=reading.series)
+    how: dict[str, Any] = {"columns": reading.columns, "series": reading.series}
+    source = part.source or joined([read_source(path, **how) for path in part.paths])
     source = replace(source, name=part.name, span_s=part.span_s)
     if part.sampling is None:
         return source

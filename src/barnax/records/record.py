@@ -108,6 +108,11 @@ class Record(Brief):
         """Seconds between neighboring samples."""
         return np.diff(self.time_s)
 
+    @cached_property
+    def usual_s(self) -> float:
+        """The median interval."""
+        return float(np.median(self.interval_s))
+
     @property
     def interval_current_a(self) -> Float[np.ndarray, "intervals"]:
         """The mean current between neighboring samples, by the record's hold."""
@@ -283,16 +288,6 @@ def equal_runs(values: np.ndarray, fewest: int = 1) -> tuple[Places, Places]:
     return edges[:-1][is_long], edges[1:][is_long] - 1
 
 
-def pause_s(earlier: Record, later: Record) -> float:
-    """Seconds from the end of one record to the start of another, by the dates of both, or else by
-    their clocks."""
-    between_s = float(later.time_s[0] - earlier.time_s[-1])
-    if earlier.zero_date_s is None or later.zero_date_s is None:
-        return between_s
-    # Dates that are numbers of days are no more exact.
-    return round(between_s + later.zero_date_s - earlier.zero_date_s, 3)
-
-
 def in_means(record: Record, interval_s: float) -> Record:
     """The record in means over intervals, with all its charge; itself where it is no faster.
 
@@ -302,7 +297,7 @@ def in_means(record: Record, interval_s: float) -> Record:
     >>> means.samples, float(np.median(means.interval_s))
     (1968, 10.0)
     """
-    if 2 * float(np.median(record.interval_s)) > interval_s:
+    if 2 * record.usual_s > interval_s:
         return record
     number = np.floor((record.time_s - record.time_s[0]) / interval_s)
     is_first = np.diff(number, prepend=-1.0) > 0

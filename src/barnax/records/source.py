@@ -126,42 +126,6 @@ def read_source(
     return Source(name, _clean(table, given), sha256, found, series=series)
 
 
-def joined(sources: Sequence[Source]) -> Source:
-    """One log that was cut into several files, in their order; rows go on from file to file.
-
-    Raises InputError where their columns differ.
-    """
-    first, *others = sources
-    for other in others:
-        if other.table.header != first.table.header:
-            raise InputError(
-                f"{other.name}: has other columns than {first.name}, so the two are not one log"
-            )
-    tables = [source.table for source in sources]
-    before = np.cumsum([0, *(table.row[-1] if len(table.row) else 1 for table in tables[:-1])])
-    name = " + ".join(source.name for source in sources)
-    columns = zip(first.table.header.names, *(table.columns for table in tables), strict=True)
-    table = replace(
-        first.table,
-        columns=tuple(_concatenated(name, header, parts) for header, *parts in columns),
-        row=np.concatenate([table.row + rows for table, rows in zip(tables, before, strict=True)]),
-        notes=tuple(dict.fromkeys(note for table in tables for note in table.notes)),
-        files=len(tables),
-    )
-    found = tuple(dict.fromkeys(finding for source in sources for finding in source.findings))
-    sha256 = " ".join(source.sha256 for source in sources)
-    return replace(first, name=name, table=table, sha256=sha256, findings=found)
-
-
-def _concatenated(name: str, header: str, parts: Sequence[pl.Series]) -> pl.Series:
-    """A column of several files, of a type that holds all its values."""
-    known = [part.dtype for part in parts if part.dtype != pl.Null]
-    if len({dtype.is_temporal() for dtype in known}) > 1:
-        raise InputError(f"{name}: '{header}' has dates in some of the files and none in others")
-    frames = [part.to_frame(header) for part in parts]
-    return pl.concat(frames, how="vertical_relaxed").to_series()
-
-
 def folders_around(place: Path) -> tuple[Path, ...]:
     """The folders in which a file is looked for that a plan or a result in `place` names: its data
     may have moved with it."""
@@ -182,7 +146,7 @@ def find_file(name: str, sha256: str, folders: Sequence[Path]) -> Path | Notice:
 
 
 def find_planned(
-    file: Path, name: str, place: Path, sha256: str = ""
+    file: Path, name: str, sha256: str = "", *, place: Path
 ) -> tuple[Path, tuple[Notice, ...]]:
     """A file that a plan in `place` names, where it lies, with a warning where its digest says that
     it is another one now, or where only its name says that it is the one: it lies elsewhere, and

@@ -1,0 +1,116 @@
+"""Logs that were cut into several files: which records continue each other, and the whole log."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import polars as pl
+
+from ..errors import InputError
+from .record import Record, is_long
+from .source import Source
+
+# Between the names of the files of a log.
+NEXT_FILE = " + "
+# A log continues within so many intervals, and its files are sampled alike to within this factor.
+# So many intervals beside the cut are compared with it, and R0 may be off by so much.
+_INTERVALS, _ALIKE, _BESIDE, _OFF = 2.0, 1.5, 300, 0.3
+
+
+def joined(sources: Sequence[Source]) -> Source:
+    """One log that was cut into several files, in their order; rows go on from file to file.
+
+    Raises InputError where their columns differ.
+    """
+    first, *others = sources
+    if not others:
+        return first
+    for other in others:
+        if other.table.header != first.table.header:
+            raise InputError(
+                f"{other.name}: has other columns than {first.name}, so the two are not one log"
+            )
+    tables = [source.table for source in sources]
+    before = np.cumsum([0, *(table.row[-1] if len(table.row) else 1 for table in tables[:-1])])
+    name = NEXT_FILE.join(source.name for source in sources)
+    columns = zip(first.table.header.names, *(table.columns for table in tables), strict=True)
+    table = replace(
+        first.table,
+        columns=tuple(_concatenated(name, header, parts) for header, *parts in columns),
+        row=np.concatenate([table.row + rows for table, rows in zip(tables, before, strict=True)]),
+        notes=tuple(dict.fromkeys(note for table in tables for note in table.notes)),
+        files=len(tables),
+    )
+    found = tuple(dict.fromkeys(finding for source in sources for finding in source.findings))
+    sha256 = " ".join(source.sha256 for source in sources)
+    return replace(first, name=name, table=table, sha256=sha256, findings=found)
+
+
+def _concatenated(name: str, header: str, parts: Sequence[pl.Series]) -> pl.Series:
+    """A column of several files, of a type that holds all its values."""
+    known = [part.dtype for part in parts if part.dtype != pl.Null]
+    if len({dtype.is_temporal() for dtype in known}) > 1:
+        raise InputError(f"{name}: '{header}' has dates in some of the files and none in others")
+    frames = [part.to_frame(header) for part in parts]
+    return pl.concat(frames, how="vertical_relaxed").to_series()
+
+
+def pause_s(earlier: Record, later: Record) -> float:
+    """Seconds from the end of one record to the start of another, by the dates of both, or else by
+    their clocks."""
+    between_s = float(later.time_s[0] - earlier.time_s[-1])
+    if earlier.zero_date_s is None or later.zero_date_s is None:
+        return between_s
+    # Dates that are numbers of days are no more exact.
+    return round(between_s + later.zero_date_s - earlier.zero_date_s, 3)
+
+
+def goes_on(earlier: Record, later: Record) -> bool:
+    """True if the clock or the dates of a record continue where those of another end."""
+    # The row at which a log was cut may be in both files.
+    return 0 <= pause_s(earlier, later) <= _INTERVALS * later.usual_s
+
+
+def continuation(earlier: Record, later: Record) -> str:
+    """The evidence that two records are one log that was cut under load; empty without any.
+
+    Beside the clock, the columns and the sampling, the voltage continues: over the cut it changes
+    by what R0 makes of the current's step, to within a share of that or the largest deviation in
+    the intervals beside.
+    """
+    pair = earlier, later
+    headers = [record.evidence and record.evidence.header for record in pair]
+    if headers[0] != headers[1] or not goes_on(earlier, later):
+        return ""
+    shortest_s, longest_s = np.quantile(earlier.interval_s, [0.02, 0.98])
+    is_alike = shortest_s / _ALIKE <= later.usual_s <= _ALIKE * longest_s
+    if not is_alike or not _is_under_load(earlier, later):
+        return ""
+    step_a, step_v = (
+        np.diff(np.concatenate([getattr(record, channel) for record in pair]))
+        for channel in ("current_a", "voltage_v")
+    )
+    if not step_a.any():
+        return ""
+    r0_ohm, cut = -float(step_a @ step_v) / float(step_a @ step_a), earlier.samples - 1
+    left_v = np.abs(step_v + r0_ohm * step_a)
+    beside_v = np.append(left_v[max(cut - _BESIDE, 0) : cut], left_v[cut + 1 : cut + _BESIDE])
+    if r0_ohm <= 0 or left_v[cut] > max(beside_v.max(), _OFF * r0_ohm * abs(step_a[cut])):
+        return ""
+    clock = "clock is" if None in (earlier.zero_date_s, later.zero_date_s) else "dates are"
+    return (
+        f"{later.name} continues the log under load: its {clock} {pause_s(earlier, later):.3g} s "
+        f"later, and its voltage within {1e3 * left_v[cut]:.2g} mV of what R0 predicts"
+    )
+
+
+def _is_under_load(earlier: Record, later: Record) -> bool:
+    """True if the rest around the cut, if any, is too short for the RC pairs to relax."""
+    before, after = (
+        record.segments(record.rest_current_a(record.span_ah)).loaded for record in (earlier, later)
+    )
+    if not len(before) or not len(after):
+        return False
+    rest_s = earlier.time_s[-1] - earlier.time_s[before[-1]]
+    rest_s += later.time_s[after[0]] - later.time_s[0]
+    return not is_long(float(rest_s))

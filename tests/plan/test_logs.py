@@ -1,0 +1,101 @@
+"""Files that are one log, cut under load, are one record; those that do not continue are apart."""
+
+import numpy as np
+import polars as pl
+import pytest
+
+import barnax
+from barnax.bundled import BUNDLED
+from barnax.plan import plan, plan_from_toml, plan_to_toml
+from barnax.plan.running import planned
+from barnax.records import read_record
+from barnax.results import Result
+from helpers.records import CURRENT, TIME, VOLTAGE
+
+SMALL = {"model": "so-rc", "seeds": 0, "trust": "none"}
+WHOLE = pl.read_parquet(BUNDLED.record)
+# Rows under load; names say nothing of the order.
+CUTS, NAMES = (0, 5000, 9045, len(WHOLE)), ("c.parquet", "a.parquet", "b.parquet")
+LOG = "c.parquet + a.parquet + b.parquet"
+
+
+@pytest.fixture
+def cut(tmp_path):
+    """A folder with a log in three files, in the units of the whole one."""
+    for name, first, after in zip(NAMES, CUTS, CUTS[1:], strict=False):
+        assert abs(WHOLE[CURRENT][first]) > 0.5 or not first
+        WHOLE[first:after].write_parquet(tmp_path / name)
+    return tmp_path
+
+
+def records(folder, **options):
+    """The names of all but the OCV tests."""
+    parts = plan(folder, ocv=list(BUNDLED.ocv), **options).parts
+    return sorted(part.name for part in parts if part.role != "OCV test")
+
+
+def test_a_log_in_three_files_has_the_answer_of_the_whole_one(cut, tmp_path):
+    whole = barnax.identify(BUNDLED.record, ocv=list(BUNDLED.ocv), **SMALL)
+    result = barnax.identify([cut / name for name in sorted(NAMES)], ocv=BUNDLED.ocv, **SMALL)
+    assert result.parameters == pytest.approx(whole.parameters, rel=1e-9)
+    (part,) = result.of_role("identification")
+    digests = [read_record(cut / name).sha256 for name in NAMES]
+    assert (part.name, part.sha256.split()) == (LOG, digests)
+    (told,) = [file.reason for file in result.plan if file.name == LOG]
+    assert "a.parquet continues the log under load: its clock is 1 s later" in told
+    # The stored result finds its files again, and the plan reads the same record.
+    (tmp_path / "result.json").write_text(result.to_json())
+    (again,) = Result.load(tmp_path).evaluations.identification
+    assert again.metrics == result.evaluations.identification[0].metrics
+    path = tmp_path / "plan.toml"
+    path.write_text(plan_to_toml(plan(cut, ocv=list(BUNDLED.ocv))))
+    (source,) = planned(plan_from_toml(path), barnax.Job()).records
+    assert (source.name, source.sha256.split()) == (LOG, digests)
+    assert read_record(source).samples == len(WHOLE)
+
+
+def test_a_log_without_an_ocv_test_is_one_record_too(cut):
+    names = [[part.name for part in plan(each).parts] for each in (cut, BUNDLED.record)]
+    assert names == [[LOG], [BUNDLED.record.name]]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        pl.col(VOLTAGE) + 0.05,
+        pl.col(TIME) + 5.0,
+        pl.col(TIME) - 5.0,
+        pl.col(TIME) * 2 - 9046.0,
+    ],
+    ids=["another voltage", "a gap", "an overlap", "other intervals"],
+)
+def test_what_does_not_continue_stays_apart(cut, change):
+    last = WHOLE[CUTS[2] :].with_columns(change)
+    last.write_parquet(cut / "b.parquet")
+    assert records(cut) == ["b.parquet", "c.parquet + a.parquet"]
+
+
+def test_files_stay_apart_that_two_may_continue_or_that_have_options_of_their_own(cut):
+    window = {"b.parquet": barnax.Window(initial_soc=0.5)}
+    assert records(cut, window=window) == ["b.parquet", "c.parquet + a.parquet"]
+    noisy = WHOLE[CUTS[2] :].with_columns(
+        pl.col(VOLTAGE) + pl.Series(np.resize([1e-4, -1e-4], 10635))
+    )
+    noisy.write_parquet(cut / "d.parquet")
+    assert "c.parquet + a.parquet" in records(cut)
+
+
+def test_a_log_that_is_cut_in_a_long_rest_stays_apart_and_one_cut_in_a_pulse_does_not(tmp_path):
+    pulses = pl.read_parquet(BUNDLED.hppc[1])
+    loaded = (pulses[CURRENT].abs() > 0.02).arg_true()
+    time_s = pulses[TIME].gather(loaded)
+    # The end of the load before the longest rest, which is cut half an hour later.
+    before = int(loaded[time_s.diff().arg_max() - 1])
+    in_rest = int((pulses[TIME] < pulses[TIME][before] + 1900).sum())
+    in_pulse = int(loaded[len(loaded) // 2])
+    assert {in_pulse - 1, in_pulse + 1} <= {*loaded}
+    cases = (in_rest, ["a.parquet", "b.parquet"]), (in_pulse, ["a.parquet + b.parquet"])
+    for at, names in cases:
+        pulses[:at].write_parquet(tmp_path / "a.parquet")
+        pulses[at:].write_parquet(tmp_path / "b.parquet")
+        assert sorted(part.name for part in plan(tmp_path).parts) == names

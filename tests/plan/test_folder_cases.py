@@ -205,11 +205,13 @@ def test_a_test_of_a_cell_of_44_ah_serves_no_small_one(scale, stays, tmp_path):
     assert "the one identified holds 43.8 Ah" in reason(other, "b.csv")
 
 
-def test_a_log_that_is_cut_into_files_starts_each_where_the_one_before_ends(tmp_path):
+def test_files_of_other_columns_start_each_where_the_one_before_ends(tmp_path):
     test = drive(rest_s=600, minutes=120)
     write(tmp_path / "ocv.csv", BOTH)
+    columns = [("time [s]", "current [A]", f"{volts} [V]") for volts in ("voltage", "U", "voltage")]
     for number, part in enumerate(np.array_split(np.arange(len(test[0])), 3)):
-        write(tmp_path / f"log{number}.csv", tuple(values[part] for values in test))
+        test_part = tuple(values[part] for values in test)
+        write(tmp_path / f"log{number}.csv", test_part, columns[number])
     planned = plan(tmp_path)
     windows = {part.name: part.window for part in planned.of_role("identification")}
     assert windows.keys() == {"log0.csv", "log1.csv", "log2.csv"}

@@ -318,7 +318,9 @@ def test_a_record_that_goes_on_where_another_ends_starts_from_there(folder):
     while abs(table[CURRENT][half]) < 0.5:
         half += 1
     table[: half + 1].write_parquet(folder / "first.parquet")
-    table[half:].write_parquet(folder / "second.parquet")
+    # By its counters alone: its clock was stopped.
+    later = table[half:].with_columns(pl.col(TIME) + 600.0)
+    later.write_parquet(folder / "second.parquet")
     for name in ("a", "c"):
         (folder / f"{name}.parquet").unlink()
     found = plan(folder)

@@ -124,7 +124,7 @@ FAULTS = (
     fault("a pair that R0 hides", "over_soc/fits.py",
           "{R0: least_r0_share(records) - 1}", "{R0: 0.0}", "tests/test_other_sampling.py"),
     fault("pairs by the other sampling", "model/sampling.py",
-          "= own / others - 1", "= others / own - 1",
+          "= first / others - 1", "= others / first - 1",
           "tests/test_other_sampling.py"),
     # Choice.
     fault("gain in bands of SOC", "select/policy.py",
@@ -141,8 +141,8 @@ FAULTS = (
           "moved = (to_axis @ estimated.values).reshape", "moved = estimated.values.reshape",
           "tests/over_soc/test_registration.py"),
     fault("charge carried to a start", "model/start.py",
-          "passed_ah = self.discharged_ah[known.known_at] - self.discharged_ah[self.first]",
-          "passed_ah = self.discharged_ah[self.first] - self.discharged_ah[known.known_at]",
+          "passed_ah = self.discharged_ah[determined.sample] - self.discharged_ah[self.first]",
+          "passed_ah = self.discharged_ah[self.first] - self.discharged_ah[determined.sample]",
           "tests/model/test_start.py"),
     # Fit and filters.
     fault("weight of a bend", "over_soc/objective.py",

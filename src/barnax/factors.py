@@ -106,11 +106,11 @@ def factors_to_bytes(kept: Sequence[Kept]) -> bytes:
 
 
 def _head_of(kept: Kept, parts: tuple[_Part, _Part]) -> _Head:
-    known = vars(kept) | vars(kept.grid) | vars(kept.cell)
-    known |= {"nodes": [*kept.grid.nodes], "skeleton": kept.grid.span.skeleton, "parts": parts}
-    named = ((name, known[name]) for name in _Head.model_fields)
+    values = vars(kept) | vars(kept.grid) | vars(kept.cell)
+    values |= {"nodes": [*kept.grid.nodes], "skeleton": kept.grid.span.skeleton, "parts": parts}
+    named = ((name, values[name]) for name in _Head.model_fields)
     return _Head(
-        **{name: own.tolist() if isinstance(own, np.ndarray) else own for name, own in named}
+        **{name: each.tolist() if isinstance(each, np.ndarray) else each for name, each in named}
     )
 
 
@@ -178,7 +178,7 @@ def _parsed(content: bytes) -> list[Kept]:
 
 def _members(content: bytes) -> dict[str, np.ndarray]:
     """The arrays of a file: views of its own bytes, so that no size is believed."""
-    found = {}
+    members = {}
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         infos = archive.infolist()
         if [entry.filename for entry in infos] != [f"{name}.npy" for name in _MEMBERS]:
@@ -194,8 +194,8 @@ def _members(content: bytes) -> dict[str, np.ndarray]:
             values = np.frombuffer(stream.getbuffer()[stream.tell() :], _TYPES[name])
             if dtype.str != _TYPES[name] or shape != (len(values),):
                 raise ValueError(f"the array {name} is another")
-            found[name] = values
-    return found
+            members[name] = values
+    return members
 
 
 def _records(
@@ -227,7 +227,7 @@ def _records(
         is_short = len(head.slopes_v) != (wide - 1 if layout.has_correction else 0)
         if lengths != [count, wide, wide] or is_short or layout.width > MOST_COLUMNS:
             raise ValueError("its nodes do not fit")
-        own = []
+        factors = []
         for part in head.parts:
             order, values = next(by_columns), next(by_rows)
             if len(np.unique(order)) != len(order) or np.any((order < 0) | (order >= layout.width)):
@@ -239,12 +239,12 @@ def _records(
             used[np.triu_indices(min(used.shape), m=part.columns)] = values
             factor = np.zeros((part.rows, layout.width))
             factor[:, order] = used
-            own.append(Reduced(layout, part.scored, factor))
+            factors.append(Reduced(layout, part.scored, factor))
         yield Kept(
             **head.model_dump(include={"name", *FACTS}),
             grid=grid,
             visited=np.array(head.visited),
             visited_ocv=np.array(head.visited_ocv),
             cell=KeptOcv(np.array(head.ocv_v), np.array(head.slopes_v)),
-            parts=(own[0], own[1]),
+            parts=(factors[0], factors[1]),
         )

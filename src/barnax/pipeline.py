@@ -190,7 +190,7 @@ def _registered(job: Job, records: Sequence[PreparedRecord]) -> list[PreparedRec
     told = [
         one
         if one.circuit == circuit and one.window.registration is None
-        else replace(one, circuit=circuit).in_window(one.window.as_told)
+        else replace(one, circuit=circuit).in_window(one.window.unregistered)
         for one in records
     ]
     found = counted_alike(told, [register_alone(prepared, tables) for prepared in told])

@@ -193,8 +193,8 @@ def _lasting(since_s: Samples, ratio_ohm: Samples) -> Iterator[float | None]:
     for time_s in STANDARD_S[1:]:
         is_over = since_s[-1] < time_s - NEAR_S
         nearest_s = float(np.abs(since_s - time_s).min())
-        is_known = not is_over and nearest_s <= max(NEAR_S, NEAR_SHARE * time_s)
-        yield float(np.interp(time_s, since_s, ratio_ohm)) if is_known else None
+        is_sampled = not is_over and nearest_s <= max(NEAR_S, NEAR_SHARE * time_s)
+        yield float(np.interp(time_s, since_s, ratio_ohm)) if is_sampled else None
 
 
 def _is_in_edge(

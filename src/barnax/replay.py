@@ -35,10 +35,10 @@ from .scenarios import (
     case_of,
     examine_innovations,
     first_with_room,
-    in_place,
+    from_start,
     score,
 )
-from .schema import Count, Document, Told
+from .schema import Count, Document, NoticeField
 from .settings import AutoHold, AutoSign, Reading
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ class SocReplay(Document):
     scenarios: tuple[ScenarioPart, ...]
     untried: tuple[str, ...] = ()
     innovations: Innovations | None
-    warnings: tuple[Told, ...] = ()
+    warnings: tuple[NoticeField, ...] = ()
 
     _traces: "Traces | None" = PrivateAttr(None)
     what: ClassVar[str] = "barnax replay"
@@ -177,10 +177,10 @@ def replay_soc(
     used = result if settings.tables else result.without_tables()
     prepared = prepare_record(measured, used.cell, used.model, window)
     low, high = used.cell.soc_range
-    own_low, own_high = float(prepared.soc.min()), float(prepared.soc.max())
-    if own_low < low - OCV_MARGIN or own_high > high + OCV_MARGIN:
+    lowest, highest = float(prepared.soc.min()), float(prepared.soc.max())
+    if lowest < low - OCV_MARGIN or highest > high + OCV_MARGIN:
         raise InputError(
-            f"{measured.name}: its SOC goes from {100 * own_low:.0f} to {100 * own_high:.0f} %, "
+            f"{measured.name}: its SOC goes from {100 * lowest:.0f} to {100 * highest:.0f} %, "
             f"and the OCV is known from {100 * low:.0f} to {100 * high:.0f} %: beyond that a "
             "filter has no voltage to compare with; identify with an OCV that reaches as far, or "
             "start later, with `start_time`"
@@ -205,14 +205,14 @@ def replay_soc(
     stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(case.given for case in cases))
     program = compile_for(_run_all, *stacked, settings.kind)
     estimate = jax.tree.map(np.asarray, program(*stacked, settings.kind))
-    of_cases = [jax.tree.map(itemgetter(place), estimate) for place in range(len(cases))]
+    of_cases = [jax.tree.map(itemgetter(index), estimate) for index in range(len(cases))]
     pairs = [*zip(cases, of_cases, strict=True)]
-    late = [jax.tree.map(partial(in_place, first=case.first), own) for case, own in pairs]
+    late = [jax.tree.map(partial(from_start, first=case.first), each) for case, each in pairs]
     traces = Traces(
         prepared.time_s - prepared.time_s[0],
         prepared.soc,
         jax.tree.map(lambda *leaves: np.stack(leaves), *late),
-        np.stack([in_place(case.counted, case.first) for case in cases]),
+        np.stack([from_start(case.counted, case.first) for case in cases]),
     )
     parts = tuple(score(case, capacity_ah, prepared, estimate) for case, estimate in pairs)
     right, first = of_cases[0], cases[0].first

@@ -74,8 +74,8 @@ def window_of(
     """The window of a record: the one chosen; else its own, as it was registered, if it is among
     the result's inputs by its content; else that of a plan for its source. The capacity and the
     rest current are those of all records of the result where nothing else is given."""
-    own = (part.window for part in result.inputs if part.window and part.is_of(record))
-    window = chosen or next(own, None)
+    windows = (part.window for part in result.inputs if part.window and part.is_of(record))
+    window = chosen or next(windows, None)
     if window is None:
         return planned_window(source, result.cell, reading, result.common_window)
     return merged(result.common_window, window)
@@ -99,8 +99,8 @@ def axis_sd_of(result: Result, capacity_ah: float) -> float:
     test because their charge contradicts it, what another capacity than theirs makes of it over the
     whole axis.
     """
-    own = (part.window for part in result.inputs if part.window and part.window.registration)
-    off = [abs(capacity_ah / window.capacity_ah - 1) for window in own if window.capacity_ah]
+    windows = (part.window for part in result.inputs if part.window and part.window.registration)
+    off = [abs(capacity_ah / window.capacity_ah - 1) for window in windows if window.capacity_ah]
     return float(np.hypot(FULL_SD, max(off, default=0.0) / np.sqrt(3)))
 
 
@@ -129,16 +129,16 @@ def errors_of(result: Result) -> ErrorModel:
     residual_v = np.interp(GRID, list(by_soc), list(by_soc.values()))
     residual_v = np.maximum(residual_v, LEAST_NOISE_V)
     bias_v = LASTING * residual_v
-    known = [own for own in fit.of_table(OCV_CORRECTION) if own.low is not None]
-    if known:
-        soc = np.array([interval.soc for interval in known])
+    determined = [each for each in fit.of_table(OCV_CORRECTION) if each.low is not None]
+    if determined:
+        soc = np.array([interval.soc for interval in determined])
         bias_v = np.interp(
-            GRID, soc, [np.hypot(interval.standard_error, interval.bias) for interval in known]
+            GRID, soc, [np.hypot(interval.standard_error, interval.bias) for interval in determined]
         )
         nodes = np.array(fit.tables.nodes)
         behind = np.interp(GRID, nodes, np.arange(len(nodes)))
         behind -= np.clip(behind, *np.interp(soc[[0, -1]], nodes, np.arange(len(nodes))))
-        values = [interval.value for interval in known]
+        values = [interval.value for interval in determined]
         step_v = np.median(np.abs(np.diff(values, prepend=values[:1])))
         bias_v = np.hypot(bias_v, step_v * np.sqrt(np.abs(behind)))
     is_turned = tables is None or fit.tables.gamma is None or fit.is_rate_told
@@ -176,9 +176,9 @@ def model_of(
         for name, estimate in result.constant.estimates.items()
     }
     rest_a, slow_sd = result.start_rest_current_a, []
-    known = [OFFSET, CAPACITY, *(name for name in fitted if name[0] in "Rt")]
+    choices = [OFFSET, CAPACITY, *(name for name in fitted if name[0] in "Rt")]
     for name in slow:
-        require_choice("estimate", name, known)
+        require_choice("estimate", name, choices)
         relative = float(np.clip(fitted.get(name) or LEAST_SD, LEAST_SD, LARGEST_SD))
         slow_sd.append({OFFSET: rest_a, CAPACITY: CAPACITY_SD}.get(name, relative))
     return make_model(

@@ -255,21 +255,22 @@ class InputPart(Part):
     @property
     def start_source(self) -> str:
         """What told the SOC at its start, before it was registered; empty of an OCV test."""
-        if self.window and (known := self.window.registration):
-            return known.origin.told_source
+        if self.window and (registration := self.window.registration):
+            return registration.origin.told_source
         return self.start.soc_source if self.start else ""
 
     @property
-    def told_capacity_ah(self) -> float | None:
+    def initial_capacity_ah(self) -> float | None:
         """The capacity that was told, or that the OCV test tells, before other records of the cell
         moved it."""
-        known = self.window and self.window.registration
-        return known.told_capacity_ah if known and known.by == "records" else self.capacity_ah
+        registration = self.window and self.window.registration
+        is_moved = registration and registration.by == "records"
+        return registration.told_capacity_ah if registration and is_moved else self.capacity_ah
 
     def is_at(self, temperature_degc: float) -> bool:
         """True for a record of this temperature, as far as one is told from another."""
-        own_degc = self.temperature_degc
-        return own_degc is not None and abs(own_degc - temperature_degc) <= SAME_DEGC
+        degc = self.temperature_degc
+        return degc is not None and abs(degc - temperature_degc) <= SAME_DEGC
 
 
 class PlannedFile(Part):
@@ -319,20 +320,20 @@ class ConstantPart(Part):
     @property
     def estimates(self) -> dict[str, Estimate]:
         """The parameters with their intervals, by name; none where the assessment was skipped."""
-        found = () if self.assessment is None else self.assessment.uncertainty.estimates
-        return {estimate.name: estimate for estimate in found}
+        assessed = () if self.assessment is None else self.assessment.uncertainty.estimates
+        return {estimate.name: estimate for estimate in assessed}
 
     @property
     def facts(self) -> tuple[Fact, ...]:
         """The parameters and time constants, of those that were free with their intervals."""
         values = self.parameters.to_dict().items()
-        own = self.estimates.values() or [Estimate(name, value) for name, value in values]
+        estimates = self.estimates.values() or [Estimate(name, value) for name, value in values]
         return tuple(
             Fact(
                 each.name, None, each.value, 0.0, 0.0, each.low, each.high,
                 is_assessed=each.relative_error is not None,
             )
-            for each in own
+            for each in estimates
         )  # fmt: skip
 
     @property
@@ -361,25 +362,27 @@ class ConstantPart(Part):
     def _means(self) -> Iterator[NodeInterval]:
         """The resistances, each its own mean, and sums of pairs that the data do not tell apart."""
         for name, value in self.parameters.named_ohm.items():
-            own = self.estimates.get(name, Estimate(name, value))
-            yield replace(self._interval(own), soc=None)
+            element = self.estimates.get(name, Estimate(name, value))
+            yield replace(self._interval(element), soc=None)
         findings = () if self.assessment is None else self.assessment.identifiability.findings
         for finding in findings:
             if finding.kind == "alike" and finding.combined is not None:
                 yield self._interval(finding.combined)
 
-    def _interval(self, own: Estimate) -> NodeInterval:
-        soc = self.parameters.nodes[0] if own.name in self.parameters.tables else None
-        error = own.standard_error or 0.0
-        return NodeInterval(own.name, soc, own.value, error, 0.0, own.low, own.high)
+    def _interval(self, estimate: Estimate) -> NodeInterval:
+        soc = self.parameters.nodes[0] if estimate.name in self.parameters.tables else None
+        error = estimate.standard_error or 0.0
+        return NodeInterval(
+            estimate.name, soc, estimate.value, error, 0.0, estimate.low, estimate.high
+        )
 
     @model_validator(mode="after")
     def _hold_what_the_circuit_has(self) -> Self:
-        wanted, found = get_circuit(self.model).parameter_names, self.parameters.to_dict()
-        if found.keys() != set(wanted):
+        wanted, values = get_circuit(self.model).parameter_names, self.parameters.to_dict()
+        if values.keys() != set(wanted):
             raise ValueError(
                 f"the circuit {self.model} has the parameters {', '.join(wanted)}, not "
-                f"{', '.join(found)}"
+                f"{', '.join(values)}"
             )
         return self
 

@@ -28,7 +28,7 @@ from .result_parts import (
     MetricsBlock,
     PlannedFile,
 )
-from .schema import Document, Told
+from .schema import Document, NoticeField
 from .search.evaluate import Evaluation, Evaluations
 from .search.refine import AtBound
 from .select.choose import Tried
@@ -80,8 +80,8 @@ class Result(Document):
     cell: CellModel
     inputs: tuple[InputPart, ...] = Field(min_length=1)
     plan: tuple[PlannedFile, ...] = ()
-    notes: tuple[Told, ...] = ()
-    warnings: tuple[Told, ...]
+    notes: tuple[NoticeField, ...] = ()
+    warnings: tuple[NoticeField, ...]
     versions: dict[str, str]
 
     _evaluations: tuple[Evaluations, Evaluations | None] | None = PrivateAttr(None)
@@ -192,8 +192,8 @@ class Result(Document):
         >>> found["Voltage [V]"].round(2)
         array([4.18, 4.07, 4.07])
         """
-        known = {"initial_soc": initial_soc, "initial_direction": initial_direction}
-        return hook("Result.simulate")(self, current, time, temperature_degc=temperature, **known)
+        given = {"initial_soc": initial_soc, "initial_direction": initial_direction}
+        return hook("Result.simulate")(self, current, time, temperature_degc=temperature, **given)
 
     def validate(  # pyrefly: ignore
         self,
@@ -299,8 +299,8 @@ class Result(Document):
 
     def without_tables(self) -> Self:
         """The same with its constant circuit as the answer."""
-        own = {"tables": None, "model": self.constant.model, "metrics": self.constant.metrics}
-        return self.model_copy(update=own)
+        constant = {"tables": None, "model": self.constant.model, "metrics": self.constant.metrics}
+        return self.model_copy(update=constant)
 
     def at_temperature(self, temperature_degc: float) -> Self:
         """The same with the tables over SOC, the OCV and the capacity of one temperature alone."""
@@ -324,7 +324,7 @@ class Result(Document):
         else:
             near = [part for part in records if part.is_at(temperature_degc)]
         cell = self.cell.at(temperature_degc)
-        capacity_ah = (near[0].told_capacity_ah if near else None) or cell.capacity_ah
+        capacity_ah = (near[0].initial_capacity_ah if near else None) or cell.capacity_ah
         return replace(cell, capacity_ah=capacity_ah, elsewhere=())
 
     def of_role(self, role: str) -> tuple[InputPart, ...]:
@@ -346,8 +346,8 @@ class Result(Document):
         if self.fits.over_temperature is not None:
             return []
         planned = {part.name: part.temperature_degc for part in self.plan}
-        own = [(part.name, part.temperature_degc) for part in self.of_role("identification")]
-        return [(name, planned.get(name) if degc is None else degc) for name, degc in own]
+        records = [(part.name, part.temperature_degc) for part in self.of_role("identification")]
+        return [(name, planned.get(name) if degc is None else degc) for name, degc in records]
 
     @property
     def start(self) -> Start:
@@ -360,7 +360,7 @@ class Result(Document):
     def common_window(self) -> Window:
         """The window of a record that the result is not of: the cell's capacity and rest current,
         where they were given for all records alike. A start and scored samples are one file's."""
-        first, *others = [p.window.as_told for p in self.inputs if p.window] or [Window()]
+        first, *others = [p.window.unregistered for p in self.inputs if p.window] or [Window()]
         agreed = {
             name: getattr(first, name)
             for name in ("capacity_ah", "rest_current_a")

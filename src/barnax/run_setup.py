@@ -232,7 +232,7 @@ def own_ocv_of(job: Job, records: Sequence[Record]) -> OwnOcv:
     for what, is_asked in asked.items():
         if is_asked:
             raise Notice("ocv-test.missing", {"asked": what}).error()
-    windows = {record.name: window_of(job.window, record.name).as_told for record in records}
+    windows = {record.name: window_of(job.window, record.name).unregistered for record in records}
     tables = bounded_tables(job)
     own = OwnRecords.of(records, windows, tables, job.capacity)
     if job.over == OVER_TEMPERATURE:

@@ -25,7 +25,7 @@ BAND = 1.959964
 # Offset and capacity gather the errors of a whole record: on measured cells they are off by up to
 # three of the filter's deviations. They are told where thrice the deviation is half of what was
 # believed before.
-DOUBT, TOLD = 3.0, 0.5
+DOUBT, DETERMINED = 3.0, 0.5
 # Of the tests of innovations.
 LAGS, CONFIDENCE = 20, 0.95
 Samples = Float[np.ndarray, "samples"]
@@ -121,11 +121,11 @@ def _open_loop(model: FilterModel, state: Any, drive: Drive) -> Any:
     )[0]
 
 
-def in_place(values: Rows, first: int) -> Rows:
+def from_start(values: Rows, first: int) -> Rows:
     """Values that were computed from a sample on, in their place."""
-    found = np.full(values.shape, np.nan)
-    found[first:] = values[: len(values) - first]
-    return found
+    padded = np.full(values.shape, np.nan)
+    padded[first:] = values[: len(values) - first]
+    return padded
 
 
 class ScenarioPart(Part):
@@ -208,14 +208,14 @@ def score(
     if not np.all(is_number):
         return part.model_copy(update={"diverged_s": float(time_s[np.argmin(is_number)])})
     error, off = soc - truth, np.abs(soc - truth)
-    told = _told(believed, estimate.slow[count - 1], estimate.slow_sd[count - 1])
+    determined = _determined(believed, estimate.slow[count - 1], estimate.slow_sd[count - 1])
     figures: dict[str, Any] = {
         "whole_rms": _rms(error),
         "whole_max": float(off.max()),
         "in_band": float(np.mean(off <= band)),
         "band": float(np.mean(band)),
         "widest": float(band[time_s >= min(HOLDS_S, time_s[-1])].max()),
-        "estimates": told,
+        "estimates": determined,
     }
     first = converged(time_s, off <= CONVERGED)
     if first != 0:
@@ -234,15 +234,15 @@ def score(
     return part.model_copy(update=figures)
 
 
-def _told(model: FilterModel, values: Any, deviations: Any) -> dict[str, tuple[float, float]]:
+def _determined(model: FilterModel, values: Any, deviations: Any) -> dict[str, tuple[float, float]]:
     """Final values with their deviations; of offset and capacity only what a record tells from the
     errors of the circuit. All but the offset are logarithms of a factor."""
-    told, rows = {}, zip(model.slow, values, deviations, model.slow_sd.tolist(), strict=True)
+    determined, rows = {}, zip(model.slow, values, deviations, model.slow_sd.tolist(), strict=True)
     for name, value, sd, prior_sd in rows:
         sd *= DOUBT if name in (OFFSET, CAPACITY) else 1.0
-        if name not in (OFFSET, CAPACITY) or sd <= TOLD * prior_sd:
-            told[name] = float(value if name == OFFSET else np.exp(value)), float(sd)
-    return told
+        if name not in (OFFSET, CAPACITY) or sd <= DETERMINED * prior_sd:
+            determined[name] = float(value if name == OFFSET else np.exp(value)), float(sd)
+    return determined
 
 
 def converged(time_s: Samples, is_near: Bool[np.ndarray, "samples"]) -> int | None:

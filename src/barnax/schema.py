@@ -223,14 +223,14 @@ def _named(label: re.Match[str]) -> str:
 
 
 # A notice as it is stored. One without a code that is known here is read as it was worded.
-_TOLD = GetPydanticSchema(
+_NOTICE = GetPydanticSchema(
     lambda source, handler: core_schema.no_info_wrap_validator_function(
         _notice_of,
         handler.generate_schema(StoredNotice),
         serialization=core_schema.plain_serializer_function_ser_schema(notice_to_dict),
     )
 )
-Told = Annotated[Notice, _TOLD]
+NoticeField = Annotated[Notice, _NOTICE]
 
 
 def _reason(problem: ValidationError | InputError) -> str:

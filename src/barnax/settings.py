@@ -279,8 +279,8 @@ class Registration:
     @property
     def origin(self) -> "Registration":
         """That of what was told at first, where a record was registered by itself before."""
-        own = self.told.registration
-        return self if own is None else own.origin
+        earlier = self.told.registration
+        return self if earlier is None else earlier.origin
 
 
 @dataclass(frozen=True)
@@ -321,7 +321,7 @@ class Window:
     registration: Registration | None = None
 
     @property
-    def as_told(self) -> "Window":
+    def unregistered(self) -> "Window":
         """The same with start and capacity as they were told, before any registration."""
         return self if self.registration is None else self.registration.origin.told
 
@@ -339,8 +339,8 @@ class Window:
         if self.start_time_s is not None and self.start_after_step is not None:
             raise InputError("give `start_time` or `start_after_step`, not both")
         # What is counted from where the data show it may go a little beyond.
-        is_told = self.initial_soc is not None and self.soc_source is None
-        if is_told and not 0 <= (self.initial_soc or 0.0) <= 1:
+        is_given = self.initial_soc is not None and self.soc_source is None
+        if is_given and not 0 <= (self.initial_soc or 0.0) <= 1:
             raise InputError(
                 f"`initial_soc` {self.initial_soc} is not a fraction; state of charge runs from "
                 "0 (empty) to 1 (full)"
@@ -392,9 +392,9 @@ def explained(thing: Any) -> dict[str, str]:
     >>> explained(Settings)["iterations"]
     'Generations (500).'
     """
-    found: dict[str, str] = {}
+    explanations: dict[str, str] = {}
     for owner in getattr(thing, "__mro__", (thing,)):
         section = re.search(ARGS, inspect.cleandoc(owner.__doc__ or ""))
         entries = re.findall(r"    (\w+): (.*(?:\n {8}.*)*)", section[1] if section else "")
-        found = {name: " ".join(text.split()) for name, text in entries} | found
-    return found
+        explanations = {name: " ".join(text.split()) for name, text in entries} | explanations
+    return explanations

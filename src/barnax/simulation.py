@@ -51,7 +51,7 @@ def simulate_frame(
     time: Any = None,
     *,
     temperature_degc: float | None = None,
-    **known: Any,
+    **given: Any,
 ) -> Any:
     """The columns that `Result.simulate` gives, of the same kind as `current`."""
     if time is not None:
@@ -62,16 +62,16 @@ def simulate_frame(
         profile = _columns(current)
     _require_numbers(profile)
     time_s, current_a, *_ = profile
-    known |= {"temperature_degc": temperature_degc, "measured_degc": profile.temperature_degc}
-    found = simulate_current(result, time_s, current_a, **known)
-    for doubt in _doubts(result, profile, found.soc, temperature_degc):
+    given |= {"temperature_degc": temperature_degc, "measured_degc": profile.temperature_degc}
+    simulated = simulate_current(result, time_s, current_a, **given)
+    for doubt in _doubts(result, profile, simulated.soc, temperature_degc):
         # Told of the line that calls `Result.simulate`.
         warnings.warn(str(doubt), stacklevel=3)
     columns = {
         "Time [s]": time_s,
         "Current [A]": current_a,
-        "Voltage [V]": found.voltage_v,
-        "SOC": found.soc,
+        "Voltage [V]": simulated.voltage_v,
+        "SOC": simulated.soc,
     }
     if time is not None or isinstance(current, Mapping):
         return columns
@@ -99,16 +99,16 @@ def _columns(frame: Any) -> Profile:
                 f"row {lengths[short]} (from 0) is incomplete; give as many of each"
             )
     table = source_from_frame(frame, NAME).table
-    found = table.header.columns
-    missing = [name for name in ("time", "current") if name not in found]
+    columns = table.header.columns
+    missing = [name for name in ("time", "current") if name not in columns]
     if missing:
         raise InputError(
             f"{NAME}: no column of the {missing[0]} among {', '.join(table.header.names)}; name it "
             f"'{missing[0].capitalize()} [{'s' if missing[0] == 'time' else 'A'}]'"
         )
-    wanted = [name for name in ("time", "current", "temperature") if name in found]
-    values = take_lines(table, {name: found[name] for name in wanted}).values
-    names = repr(found["time"].header), repr(found["current"].header)
+    wanted = [name for name in ("time", "current", "temperature") if name in columns]
+    values = take_lines(table, {name: columns[name] for name in wanted}).values
+    names = repr(columns["time"].header), repr(columns["current"].header)
     return Profile(values["time"], values["current"], names, values.get("temperature"))
 
 
@@ -144,9 +144,9 @@ def _doubts(
     if degc is not None and not is_followed and np.nanmax(degc) - np.nanmin(degc) > SAME_DEGC:
         yield Notice("simulation.temperature", subject=NAME)
     if degc is not None and is_followed and given_degc is not None:
-        told = {"column_degc": float(np.nanmedian(degc)), "given_degc": given_degc}
-        if abs(told["column_degc"] - given_degc) > SAME_DEGC:
-            yield Notice("simulation.temperature", told, NAME)
+        values = {"column_degc": float(np.nanmedian(degc)), "given_degc": given_degc}
+        if abs(values["column_degc"] - given_degc) > SAME_DEGC:
+            yield Notice("simulation.temperature", values, NAME)
 
 
 def simulate_current(
@@ -256,11 +256,11 @@ def _at(result: Result, degc: float | None) -> Result:
         return result.at_temperature(degc)
     if degc is None:
         return result
-    known = [known_degc for _, known_degc in result.measured_at if known_degc is not None]
-    if not any(abs(known_degc - degc) <= SAME_DEGC for known_degc in known):
-        told = f"is of {known[0]:.3g} degC alone" if known else "is of no known temperature"
+    measured = [each for _, each in result.measured_at if each is not None]
+    if not any(abs(each - degc) <= SAME_DEGC for each in measured):
+        scope = f"is of {measured[0]:.3g} degC alone" if measured else "is of no known temperature"
         raise InputError(
-            f"the circuit {told}, and says nothing of {degc:g} degC; leave `temperature` out, or "
+            f"the circuit {scope}, and says nothing of {degc:g} degC; leave `temperature` out, or "
             "identify `over` 'soc,temperature' on records of several"
         )
     return result.at_temperature(degc)

@@ -206,8 +206,8 @@ def test_windows_and_capacities_of_each_record_are_followed_and_repeat(tmp_path,
     assert [each.name for each in (first, second)] == ["a/drive.parquet", "b/drive.parquet"]
     assert [each.record for each in result.metrics.jointly] == [first.name, second.name]
     assert [each.samples for each in (first, second, third)] == [1501, 1001, 1501]
-    assert second.told_capacity_ah == 1.9
-    assert first.told_capacity_ah == third.capacity_ah == result.cell.capacity_ah
+    assert second.initial_capacity_ah == 1.9
+    assert first.initial_capacity_ah == third.capacity_ah == result.cell.capacity_ah
     assert [each.window.registration.told_source for each in (first, second)] == [
         "rested voltage", "rested voltage"
     ]  # fmt: skip

@@ -91,7 +91,7 @@ def test_starts_and_capacities_are_found_up_to_the_axis(registered):
         assert known.soc_high - known.soc_low < 1e-3
         assert known.capacity_high_ah - known.capacity_low_ah < 5e-3
         assert (known.told_soc, known.told_capacity_ah) == (1.0, 2.0)
-        assert each.as_told.initial_soc == 1.0
+        assert each.unregistered.initial_soc == 1.0
 
 
 @pytest.mark.slow
@@ -269,7 +269,7 @@ def test_a_charge_is_counted_over_the_capacity_that_the_test_tells_of_a_drive_be
     # What is fitted is prepared from the windows.
     assert found[2].window.capacity_ah == pytest.approx(0.97 * whole_ah)
     assert found[2].window.registration.by == "OCV test"
-    assert found[2].window.as_told == charge.window
+    assert found[2].window.unregistered == charge.window
     given = charge.in_window(replace(charge.window, capacity_ah=1.01 * whole_ah))
     assert counted_alike([drive, given], [moved, given])[1] is given
     assert np.ptp(found[2].soc) == pytest.approx(np.ptp(charge.soc) / 0.97)

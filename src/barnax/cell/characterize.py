@@ -25,7 +25,7 @@ from .soc_axis import (
     Sweep,
     by_direction,
     decide_capacity,
-    place_on_soc,
+    scale_to_soc,
 )
 
 Tests = Sequence[Record | OcvTable]
@@ -109,7 +109,7 @@ def cell_of(
         capacity = decide_capacity(sweeps, capacity_ah, ocv_capacity_ah)
         if isinstance(capacity, InputError):
             return capacity
-        placed, scaled = place_on_soc(sweeps, capacity, len(of_records) == 1)
+        placed, scaled = scale_to_soc(sweeps, capacity, len(of_records) == 1)
         warnings += [*capacity.warnings, *scaled]
         points |= placed
     elif capacity_ah is not None:

@@ -147,8 +147,8 @@ FOUR_RC = Circuit("4rc", f"four RC pairs, {_AVERAGED}", average_ocv, (RC.name,) 
 class Circuits(Mapping[str, Circuit]):
     """The known circuits by name, and any of them with elements beside: `esc+diffusion`."""
 
-    def __init__(self, known: Iterable[Circuit]):
-        self._circuits = {circuit.name: circuit for circuit in known}
+    def __init__(self, circuits: Iterable[Circuit]):
+        self._circuits = {circuit.name: circuit for circuit in circuits}
 
     def __getitem__(self, name: str) -> Circuit:
         base, *added = name.split("+")

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from ..display import Brief
 from ..errors import InputError
-from ..schema import Told
+from ..schema import NoticeField
 from .curves import Curve, InterpolatedCurve, PolynomialCurve, SegmentedHysteresis
 from .soc_axis import GIVEN, OcvPoint
 
@@ -72,7 +72,7 @@ class CellModel(Brief):
     charge_points: tuple[OcvPoint, ...]
     discharge_points: tuple[OcvPoint, ...]
     errors: Mapping[str, FitError]
-    warnings: tuple[Told, ...] = ()
+    warnings: tuple[NoticeField, ...] = ()
     temperature_degc: float | None = None
     elsewhere: tuple["CellModel", ...] = ()
     sweep_ohm: float | None = None
@@ -89,15 +89,15 @@ class CellModel(Brief):
         tests are of one."""
         if not self.elsewhere or temperature_degc is None:
             return self
-        known = sorted((self, *self.elsewhere), key=lambda cell: cell.temperature_degc or 0.0)
-        degc = np.array([cell.temperature_degc for cell in known], float)
+        cells = sorted((self, *self.elsewhere), key=lambda cell: cell.temperature_degc or 0.0)
+        degc = np.array([cell.temperature_degc for cell in cells], float)
         above = int(np.searchsorted(degc, temperature_degc))
         nearest = int(np.argmin(np.abs(degc - temperature_degc)))
         is_near = abs(degc[nearest] - temperature_degc) <= NEAR_DEGC
-        if is_near or above in (0, len(known)):
-            return known[nearest]
+        if is_near or above in (0, len(cells)):
+            return cells[nearest]
         share = (temperature_degc - degc[above - 1]) / (degc[above] - degc[above - 1])
-        return _between(known[above - 1], known[above], float(share))
+        return _between(cells[above - 1], cells[above], float(share))
 
     def average_ocv_v(self, soc: Soc) -> Soc:
         """The mean of both branches in V, each constant beyond its end points."""
@@ -111,10 +111,10 @@ class CellModel(Brief):
     def ocv_around_v(self, soc: float) -> tuple[float, float]:
         """The average OCV in V at the measured points below and above a SOC, between which it is
         interpolated; at an end point beyond it."""
-        known = np.unique([point.soc for point in self.points])
-        above = int(np.clip(np.searchsorted(known, soc), 0, len(known) - 1))
-        below = above - 1 if known[above] > soc and above else above
-        low_v, high_v = self.average_ocv_v(known[[below, above]]).tolist()
+        points = np.unique([point.soc for point in self.points])
+        above = int(np.clip(np.searchsorted(points, soc), 0, len(points) - 1))
+        below = above - 1 if points[above] > soc and above else above
+        low_v, high_v = self.average_ocv_v(points[[below, above]]).tolist()
         return low_v, high_v
 
     def least_ocv_slopes(self, nodes: Float[np.ndarray, "nodes"]) -> Float[np.ndarray, "_"]:
@@ -247,16 +247,16 @@ def fit_error(errors_v: Float[np.ndarray, "points"]) -> FitError:
     return FitError(float(np.sqrt(np.mean(errors_v**2))), float(np.abs(errors_v).max()))
 
 
-def group_near(known: Iterable[tuple[float, Item]]) -> dict[float, list[Item]]:
+def group_near(pairs: Iterable[tuple[float, Item]]) -> dict[float, list[Item]]:
     """Groups within `SAME_DEGC` of the coldest of each, under the mean of their temperatures.
 
     >>> group_near([(25.0, "a"), (0.0, "b"), (27.0, "c")])
     {0.0: ['b'], 26.0: ['a', 'c']}
     """
     groups: list[list[tuple[float, Item]]] = []
-    for degc, value in sorted(known, key=lambda pair: pair[0]):
+    for degc, value in sorted(pairs, key=lambda pair: pair[0]):
         if not groups or degc - groups[-1][0][0] > SAME_DEGC:
             groups.append([])
         groups[-1].append((degc, value))
     means = [float(np.mean([degc for degc, _ in group])) for group in groups]
-    return {degc: [own for _, own in group] for degc, group in zip(means, groups, strict=True)}
+    return {degc: [each for _, each in group] for degc, group in zip(means, groups, strict=True)}

@@ -60,8 +60,8 @@ def elements_in(names: Iterable[str]) -> tuple[str, ...]:
     ('rc', 'diffusion')
     """
     symbols = dict.fromkeys(map(suffix_of, names))
-    known = {str(number): number for number in range(1, MAX_PAIRS + 1)}
-    pairs = max((known.get(symbol, 0) for symbol in symbols), default=0)
+    numbers = {str(number): number for number in range(1, MAX_PAIRS + 1)}
+    pairs = max((numbers.get(symbol, 0) for symbol in symbols), default=0)
     others = {f"_{element.symbol}": element.name for element in ELEMENTS.values() if element.symbol}
     return (*[RC.name] * pairs, *(others[symbol] for symbol in symbols if symbol in others))
 
@@ -221,9 +221,9 @@ class CircuitParameters(Brief):
     @property
     def c(self) -> tuple[float, ...]:
         """The capacitances R C / R of the elements of a constant circuit, in F."""
-        found = zip(self.names, self.tau_s, self.r, strict=True)
+        pairs = zip(self.names, self.tau_s, self.r, strict=True)
         return tuple(
-            self.scales.get(pair.capacitance or "", tau_s / ohm) for pair, tau_s, ohm in found
+            self.scales.get(pair.capacitance or "", tau_s / ohm) for pair, tau_s, ohm in pairs
         )
 
     @property
@@ -280,7 +280,7 @@ class CircuitParameters(Brief):
 
     def without(self, name: str) -> Self:
         """The same without a table, such as that of the half hysteresis."""
-        tables = {known: row for known, row in self.tables.items() if known != name}
+        tables = {each: row for each, row in self.tables.items() if each != name}
         return replace(self, tables=tables)
 
     def with_rate(self, gamma: float | None) -> Self:

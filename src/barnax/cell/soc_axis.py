@@ -208,8 +208,8 @@ def decide_capacity(
             "capacity, its unit (Ah) and the unit of the current, or leave `capacity` out"
         )
     if abs(main.passed_ah / axis_ah - 1) > CAPACITY_WARNING:
-        told = Notice("ocv-test.other-capacity", {"capacity_ah": axis_ah, **passed}, main.source)
-        warnings += (told,)
+        notice = Notice("ocv-test.other-capacity", {"capacity_ah": axis_ah, **passed}, main.source)
+        warnings += (notice,)
     return Capacity(given_ah or axis_ah, GIVEN, axis_ah, warnings)
 
 
@@ -223,7 +223,7 @@ def _is_possible(sweeps: Mapping[int, Sweep], axis_ah: float, most_ah: float, sp
     return abs(ratio - 1) <= CAPACITY_ERROR if _agree(sweeps, AGREEMENT) else ratio >= HALF
 
 
-def place_on_soc(
+def scale_to_soc(
     sweeps: Mapping[int, Sweep], capacity: Capacity, shares_axis: bool
 ) -> tuple[dict[int, tuple[OcvPoint, ...]], list[Notice]]:
     """The points of each direction with their SOC, increasing, and warnings.
@@ -241,8 +241,8 @@ def place_on_soc(
     if shares_axis and (is_by_rests or _agree(sweeps, CLOSURE)):
         anchor = _main(sweeps)
         is_other = not _is_near(anchor.passed_ah, capacity.axis_ah, CLOSURE)
-        is_own = anchor.kind == "slow" or (is_other and spans_both_ends(sweeps))
-        scale_ah = anchor.passed_ah if is_own else capacity.axis_ah
+        is_by_charge = anchor.kind == "slow" or (is_other and spans_both_ends(sweeps))
+        scale_ah = anchor.passed_ah if is_by_charge else capacity.axis_ah
         return {way: sweep.placed(anchor, scale_ah) for way, sweep in sweeps.items()}, []
     placed, warnings = {}, []
     for direction, sweep in sweeps.items():

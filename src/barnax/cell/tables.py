@@ -65,14 +65,14 @@ class TemperatureTables:
     def at(self, temperature_degc: float) -> CircuitParameters:
         """The tables at a temperature: those of the nearest one beyond the ends. In between the
         logarithm of every resistance is linear in 1/T (Arrhenius), and voltages in T."""
-        known = self.temperatures_degc
-        if not known[0] < temperature_degc < known[-1]:
-            return self.tables[0 if temperature_degc <= known[0] else -1]
-        above = int(np.searchsorted(known, temperature_degc))
-        if known[above] == temperature_degc:
+        measured_degc = self.temperatures_degc
+        if not measured_degc[0] < temperature_degc < measured_degc[-1]:
+            return self.tables[0 if temperature_degc <= measured_degc[0] else -1]
+        above = int(np.searchsorted(measured_degc, temperature_degc))
+        if measured_degc[above] == temperature_degc:
             return self.tables[above]
         cold, warm = self.tables[above - 1], self.tables[above]
-        ends = np.array([known[above - 1], known[above]])
+        ends = np.array([measured_degc[above - 1], measured_degc[above]])
         inverse_k = 1 / (ZERO_DEGC_K + ends)
         here = (1 / (ZERO_DEGC_K + temperature_degc) - inverse_k[0]) / np.diff(inverse_k)[0]
         along = (temperature_degc - ends[0]) / np.diff(ends)[0]

@@ -15,7 +15,7 @@ from ..global_optimum.search import GlobalOptimum
 from ..model.coordinates import Scale
 from ..model.problem import Kind
 from ..result_parts import Candidate, InputPart, MetricsPart
-from ..schema import Document, Parameters, Part, Told, Unstored
+from ..schema import Document, NoticeField, Parameters, Part, Unstored
 from ..search.evaluate import Evaluation
 from ..search.refine import AtBound, RefinedSeed
 from .statistics import BandError, Resampled, SeedPairs, errors_by_soc
@@ -152,7 +152,7 @@ class ComparisonResult(Document):
     objective: Kind
     cell: CellModel
     inputs: tuple[InputPart, ...]
-    warnings: tuple[Told, ...]
+    warnings: tuple[NoticeField, ...]
     versions: dict[str, str]
 
     @model_validator(mode="after")

@@ -22,7 +22,7 @@ from ..inputs import listed, read_inputs, windows_of
 from ..job import Job, takes_options
 from ..model.coordinates import Scale
 from ..model.prepared import PreparedRecord, prepare_record
-from ..model.problem import Kind, Problem, known_to, make_problem
+from ..model.problem import Kind, Problem, applicable_to, make_problem
 from ..model.search_space import Range, ranges_of
 from ..model.window import Window
 from ..records import Record
@@ -102,8 +102,8 @@ def compare(
             cell,
             model,
             window=window,
-            bounds=known_to(model, bounds, models),
-            fixed=known_to(model, fixed, models),
+            bounds=applicable_to(model, bounds, models),
+            fixed=applicable_to(model, fixed, models),
             coordinates=coordinates,
             objective=objective,
             source=source,

@@ -136,7 +136,7 @@ def note_lines(heading: str, caveats: Iterable[str], prefix: str = "") -> str:
     """
     width = WIDTH - len(prefix)
     lines = textwrap.wrap(heading, width)
-    for place, caveat in enumerate(caveats):
-        lines += [] if place else [""]
+    for index, caveat in enumerate(caveats):
+        lines += [] if index else [""]
         lines += textwrap.wrap(caveat, width, initial_indent="- ", subsequent_indent="  ")
     return "\n".join(f"{prefix}{line}".rstrip() for line in lines)

@@ -78,7 +78,7 @@ def write_c_filter(result: Result) -> Export:
         parts=PARTS, sides=SIDES, overlap=OVERLAP, outside_sd=OUTSIDE_SD, bias_soc=BIAS_SOC,
         resting=RESTING, resting_s=RESTING_S,
         turn_soc=TURN_WIDTH, walk_s=WALK_S, first_soc=GRID[0], steps_per_soc=STEPS_PER_SOC,
-        place=np.where(varies, np.cumsum(varies) - 1, -1),
+        column=np.where(varies, np.cumsum(varies) - 1, -1),
         constant=middle,
         rows=(table - middle)[:, varies].tolist(),
     )  # fmt: skip
@@ -115,8 +115,8 @@ def write_xlsx(result: Result) -> Export:
         workbook.set_properties({"created": datetime(2000, 1, 1, tzinfo=UTC)})
         for name, rows in sheets.items():
             sheet = workbook.add_worksheet(name)
-            for place, row in enumerate(rows):
-                sheet.write_row(place, 0, row)
+            for index, row in enumerate(rows):
+                sheet.write_row(index, 0, row)
     return Export(content.getvalue(), tables.caveats)
 
 
@@ -149,8 +149,8 @@ def _means(result: Result) -> Iterator[tuple[str, float, str]]:
         where = "" if degc is None else f", {degc:.4g} degC"
         for mean in (fact for fact in fit.facts if fact.is_mean):
             name, _, unit = mean.name.rstrip("]").partition(" [")
-            own = f"mean {name}" if fit.is_over_soc else name
-            ends = {own: mean.value, f"{own} low": mean.low, f"{own} high": mean.high}
+            label = f"mean {name}" if fit.is_over_soc else name
+            ends = {label: mean.value, f"{label} low": mean.low, f"{label} high": mean.high}
             for called, value in ends.items():
                 if value is not None and (fit.is_over_soc or called != name or " + " in name):
                     yield f"{called}{where}", value, unit
@@ -171,7 +171,7 @@ def _points(
     name: str, soc: np.ndarray, values: np.ndarray, unit: str, degc: Sequence[float] | None = None
 ) -> Iterator[tuple[str, float, str]]:
     """A row a point, at each temperature in turn where there are several."""
-    where_at = [""] if degc is None else [f", {own_degc!r}" for own_degc in degc]
+    where_at = [""] if degc is None else [f", {each!r}" for each in degc]
     for where, row in zip(where_at, np.atleast_2d(values).tolist(), strict=True):
         for at, value in zip(soc.tolist(), row, strict=True):
             yield f"{name}({at!r}{where})", value, unit

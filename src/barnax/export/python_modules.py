@@ -125,12 +125,12 @@ def simulate_thevenin(content: bytes, profile: Profile) -> Float[np.ndarray, "sa
         return float(model.ocv(state.soc) + state.hyst - np.sum(state.eta_j) - ohmic_v)
 
     current_a = profile.current_a.tolist()
-    found = [voltage_v(current_a[0])]
+    voltages_v = [voltage_v(current_a[0])]
     for sample, interval_s in enumerate(np.diff(profile.time_s).tolist()):
         state = model.take_step(state, current_a[sample], interval_s)
         # A step's own voltage is that before the current jumps.
-        found.append(voltage_v(current_a[sample + 1]))
-    return np.array(found)
+        voltages_v.append(voltage_v(current_a[sample + 1]))
+    return np.array(voltages_v)
 
 
 @dataclass(frozen=True)
@@ -191,7 +191,7 @@ def verify(
     package, simulate = require_package(exporter)
     profile = profile or pulse_profile(result)
     over = result.fits.over_temperature
-    found = []
+    differences = []
     for degc in [profile.temperature_degc] if over is None else over.temperatures_degc:
         there = replace(profile, temperature_degc=degc)
         here = result
@@ -200,9 +200,9 @@ def verify(
             # What an export holds of the capacity is one value, and said to be.
             cell = replace(here.cell, capacity_ah=tables_of(result).capacity_ah)
             here = here.model_copy(update={"cell": cell})
-        found.append(_differences(here, simulate, content, there))
+        differences.append(_differences(here, simulate, content, there))
     differences_v, without_v, turns_v = (
-        np.concatenate(parts) for parts in zip(*found, strict=True)
+        np.concatenate(parts) for parts in zip(*differences, strict=True)
     )
     return Verification(
         package=package,
@@ -237,10 +237,10 @@ def simulate_here(
     time_s = np.interp(np.arange(finer * samples[-1] + 1) / finer, samples, profile.time_s)
     current_a = np.append(np.repeat(profile.current_a[:-1], finer), profile.current_a[-1])
     # No export holds what resistances follow beside SOC, as its caveats say.
-    found = simulate_current(
+    simulated = simulate_current(
         result, time_s, current_a, has_hysteresis=not without_hysteresis, has_dependence=False
     )
-    return found.voltage_v[::finer]
+    return simulated.voltage_v[::finer]
 
 
 def pulse_profile(result: Result) -> Profile:

@@ -110,30 +110,30 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
 
     A format that itself remembers where the current turned says so by `may_remember`.
     """
-    circuit, found = get_circuit(result.model), result.fits
+    circuit, fits = get_circuit(result.model), result.fits
     if circuit.turning is not None and not may_remember:
         raise InputError(
             f"the hysteresis of {circuit.name} depends on where the current last changed "
             "direction, which no table over SOC holds; export `to` 'c-filter', or identify esc or "
             "iso-rc"
         )
-    reference = found.reference_degc
+    reference = fits.reference_degc
     cell, parameters = result.cell_at(reference), result.constant.parameters.laddered()
-    degc, cells, over_soc, place = None, [cell], [], 0
+    degc, cells, over_soc, index = None, [cell], [], 0
     resistances = parameters.ohm
-    if found.tables is not None:
-        degc = _with_some_between(found.tables.temperatures_degc)
-        cells, place = [result.cell.at(own_degc) for own_degc in degc], degc.index(reference)
-        over_soc = [found.tables.at(own_degc) for own_degc in degc]
+    if fits.tables is not None:
+        degc = _with_some_between(fits.tables.temperatures_degc)
+        cells, index = [result.cell.at(each) for each in degc], degc.index(reference)
+        over_soc = [fits.tables.at(each) for each in degc]
     elif result.tables:
-        over_soc = [found.reference.tables]
+        over_soc = [fits.reference.tables]
     over_soc = [_from_empty_to_full(tables.laddered()) for tables in over_soc]
     if over_soc:
         # R0, R1 and so on first, then the temperatures.
         resistances = np.stack([tables.ohm for tables in over_soc], axis=1)
         resistances = resistances if degc else resistances[:, 0]
     soc, ocv_v = _ocv(circuit, cells, over_soc)
-    kind, constants = _kind_of(circuit, cell), over_soc[place] if over_soc else parameters
+    kind, constants = _kind_of(circuit, cell), over_soc[index] if over_soc else parameters
     return Tables(
         result=result,
         caveats=_caveats(result, circuit, cell, over_soc),
@@ -145,9 +145,9 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
         resistances={f"R{number}": values for number, values in enumerate(resistances)},
         capacity_ah=cell.capacity_ah,
         kind=kind,
-        ocv=Table(soc, ocv_v[place]),
-        ocv_v=ocv_v if degc else ocv_v[place],
-        hysteresis=_hysteresis(circuit, cell, kind, over_soc[place] if over_soc else None),
+        ocv=Table(soc, ocv_v[index]),
+        ocv_v=ocv_v if degc else ocv_v[index],
+        hysteresis=_hysteresis(circuit, cell, kind, over_soc[index] if over_soc else None),
     )
 
 
@@ -172,8 +172,8 @@ def _caveats(
     limits = [fact for fact in facts if fact.high is not None and not fact.low]
     undetermined = [fact.name for fact in facts if fact.low is None and fact.high is None]
     unseen_ocv = _ocv_without_samples(result)
-    told = result, cell, unseen_ocv, ladders, undetermined, limits
-    caveats = caveats_of("beside_tables", *told)
+    facts_of = result, cell, unseen_ocv, ladders, undetermined, limits
+    caveats = caveats_of("beside_tables", *facts_of)
     if not over_soc:
         return caveats
     unseen = ~np.all([tables.visited for tables in over_soc], axis=0)

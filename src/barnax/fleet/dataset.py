@@ -97,9 +97,9 @@ def _column(name: str, values: Sequence[Any]) -> pl.Series:
     }
     if len(kinds) < 2:
         with suppress(pl.exceptions.PolarsError, TypeError, ValueError, OverflowError):
-            found = pl.Series(name, values, strict=False)
-            if found.dtype != pl.Object:
-                return found
+            types = pl.Series(name, values, strict=False)
+            if types.dtype != pl.Object:
+                return types
     return _text(name, values)
 
 
@@ -140,8 +140,8 @@ def keep_file(out: Path, path: Path, content: bytes) -> int:
     would be elsewhere."""
     # A store has neither folders nor links.
     if isinstance(out, Path):
-        for place in reversed(path.parents[: len(path.relative_to(out).parts) - 1]):
-            _require_no_link(place)
+        for folder in reversed(path.parents[: len(path.relative_to(out).parts) - 1]):
+            _require_no_link(folder)
     write_whole(path, content)
     return len(content)
 

@@ -137,8 +137,8 @@ def identify_fleet(
             if not in_shard(cell, shard):
                 continue
             print_ = cell.fingerprint(chosen)
-            known, has_failed = done.get(cell.id, ("", False))
-            if known == print_ and not (has_failed and retry):
+            finished, has_failed = done.get(cell.id, ("", False))
+            if finished == print_ and not (has_failed and retry):
                 state = replace(state, skipped=state.skipped + 1)
             else:
                 yield print_, cell
@@ -171,8 +171,8 @@ def identify_fleet(
                         if len(rows) >= size:
                             write_part(folder, rows)
                             rows = []
-                        for own, *_ in completed:
-                            failed = state.failed + (own["error"] is not None)
+                        for each, *_ in completed:
+                            failed = state.failed + (each["error"] is not None)
                             state = replace(state, finished=state.finished + 1, failed=failed)
                             report(state)
                 finally:
@@ -300,8 +300,8 @@ def _opened(
                 "one, or without, where workers that die are replaced"
             ) from problem
     elif scheduler is not None:
-        with _dask(scheduler, workers) as (given, found):
-            yield (lambda: given), found
+        with _dask(scheduler, workers) as (given, each):
+            yield (lambda: given), each
     else:
         # Never forked: JAX and Polars have threads.
         spawning = multiprocessing.get_context("spawn")
@@ -378,7 +378,7 @@ def loggers_of_fleet(cells: Sequence[FleetCell], settings: Options) -> Loggers:
     records = []
     for alike in kinds.values():
         count = min(SAMPLED, len(alike))
-        for cell in [alike[place * len(alike) // count] for place in range(count)]:
+        for cell in [alike[index * len(alike) // count] for index in range(count)]:
             # What cannot be read is told in its own row.
             with suppress(InputError, OSError):
                 reading = job_of({**settings, **cell.options}).part(Reading)

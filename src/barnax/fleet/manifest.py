@@ -99,10 +99,10 @@ def stamp(path: str) -> tuple[int, int] | None:
     if is_address(path):
         return None
     try:
-        found = os.stat(path)
+        stamped = os.stat(path)
     except OSError:
         return None
-    return found.st_size, found.st_mtime_ns
+    return stamped.st_size, stamped.st_mtime_ns
 
 
 def short_name(path: str) -> str:

@@ -69,21 +69,21 @@ def identify_rows(cell: FleetCell, settings: Options, out: Path | None = None) -
             constant = result.without_tables().evaluations
             used, aged = [evaluation.prepared for evaluation in constant.identification], {}
             if settings.get("ageing"):
-                aged, told = ageing_row(used, is_fitted_ocv=not cell.ocv and cell.cell is None)
-                warnings = (*warnings, *told)
+                aged, reported = ageing_row(used, is_fitted_ocv=not cell.ocv and cell.cell is None)
+                warnings = (*warnings, *reported)
             row |= row_of(result, warnings) | aged
             if pack is not None:
-                of_pack += [{**own, **cell.carried} for own in pack_rows(pack, cell.id)]
+                of_pack += [{**each, **cell.carried} for each in pack_rows(pack, cell.id)]
             if out is not None and settings.get("keep_results"):
                 keep_file(out, result_path(out, cell.id), result.to_json().encode())
             if out is not None and grid is not None:
                 kept = [[keep(prepared, grid) for prepared in used]]
                 if pack is not None:
                     names = [cell.name for cell in pack.fit.cells]
-                    kept += [[own] for own in keep_all(used[0], grid, pack.beside_v, names)]
-                for own, records in zip([row, *of_pack], kept, strict=True):
+                    kept += [[each] for each in keep_all(used[0], grid, pack.beside_v, names)]
+                for each, records in zip([row, *of_pack], kept, strict=True):
                     content = factors_to_bytes(records)
-                    own["factor bytes"] = keep_file(out, factors_path(out, own["id"]), content)
+                    each["factor bytes"] = keep_file(out, factors_path(out, each["id"]), content)
     except InputError as problem:
         # One sentence, and what is told of each file of a folder with the warnings.
         row["error"], *row["warnings"] = str(problem).splitlines()
@@ -231,10 +231,10 @@ def _windows(cell: FleetCell) -> Window | dict[str, Window]:
     common = Window(**cell.window)
     if not cell.validate_window:
         return common
-    own = replace(common, **cell.validate_window)
+    windows = replace(common, **cell.validate_window)
     names = file_names([path for path in (*cell.records, *cell.validate) if not is_address(path)])
     called = (short_name(path) if is_address(path) else names[Path(path)] for path in cell.validate)
-    return {"": common, **dict.fromkeys(called, own)}
+    return {"": common, **dict.fromkeys(called, windows)}
 
 
 @functools.lru_cache(maxsize=CELLS_KEPT)
@@ -257,10 +257,10 @@ def _cell_of_tests(
         tests.append(read_ocv_test(source, **how_read(reading, source.name, "OCV test")))
         if isinstance(tests[-1], OcvTable):
             continue
-        found = check_file(source, capacity_ah=capacity_ah)
-        warnings += input_warnings(found, "OCV test")
-        if found.traits is not None:
-            temperatures_degc.append((found.file, found.traits.temperature_degc))
+        checked = check_file(source, capacity_ah=capacity_ah)
+        warnings += input_warnings(checked, "OCV test")
+        if checked.traits is not None:
+            temperatures_degc.append((checked.file, checked.traits.temperature_degc))
     model = characterize(
         tests, capacity_ah=capacity_ah, rest_current_a=rest_current_a, **fits.of_curves
     )

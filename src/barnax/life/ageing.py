@@ -178,10 +178,10 @@ def life_of(
             judged[quantity] = fleet
             faults += _faults(quantity, *fleet, first, span)
         trends += _trends(by_cell, quantity, fleet)
-    told = good.filter(pl.col(f"aged {CAPACITY}").is_not_null())
-    without_empty = len(told)
-    if TO_EMPTY in told.columns:
-        without_empty -= int(told[TO_EMPTY].cast(pl.Boolean).sum() or 0)
+    capacities = good.filter(pl.col(f"aged {CAPACITY}").is_not_null())
+    without_empty = len(capacities)
+    if TO_EMPTY in capacities.columns:
+        without_empty -= int(capacities[TO_EMPTY].cast(pl.Boolean).sum() or 0)
     passed = {name: float(rows["record throughput [A.h]"].sum()) for name, rows in by_cell.items()}
     if passed_ah is not None:
         passed = {name: _last_passed_ah(rows, name, throughput) for name, rows in by_cell.items()}

@@ -80,7 +80,7 @@ def least_in_boxes(
     low, high = low * scale, high * scale
     given: list[Any] = [normal, gradient, low, high, low >= high]
     at_low = at_high = np.zeros(low.shape, bool)
-    found, open_problems = low.copy(), np.arange(low.shape[1])
+    parts, open_problems = low.copy(), np.arange(low.shape[1])
     for _ in range(GUESSES):
         h, g, least, most, pinned = given
         is_free = ~(at_low | at_high | pinned)
@@ -89,14 +89,14 @@ def least_in_boxes(
         now_low = ((is_free & (x < least)) | (at_low & (slope >= 0))) & ~pinned
         now_high = ((is_free & (x > most)) | (at_high & (slope <= 0))) & ~pinned
         settled = np.all((now_low == at_low) & (now_high == at_high), axis=0)
-        found[:, open_problems[settled]] = np.clip(x, least, most)[:, settled]
+        parts[:, open_problems[settled]] = np.clip(x, least, most)[:, settled]
         if np.all(settled):
             break
         at_low, at_high = now_low[:, ~settled], now_high[:, ~settled]
         open_problems, *given = (array[..., ~settled] for array in (open_problems, *given))
     else:
-        found[:, open_problems] = _enumerated(*given[:-1])
-    return np.clip(found / scale, *box)
+        parts[:, open_problems] = _enumerated(*given[:-1])
+    return np.clip(parts / scale, *box)
 
 
 def _enumerated(normal, gradient: Problems, low: Problems, high: Problems) -> Problems:
@@ -214,8 +214,8 @@ def with_free_values(
     give them to fewer digits.
     """
     x = np.where(is_free, 0.0, x)
-    found = lstsq(matrix[:, is_free], -(base + matrix @ x), lapack_driver="gelsy")
-    x[is_free] = np.asarray(found[0] if found is not None else 0.0)
+    free = lstsq(matrix[:, is_free], -(base + matrix @ x), lapack_driver="gelsy")
+    x[is_free] = np.asarray(free[0] if free is not None else 0.0)
     return x
 
 

@@ -84,8 +84,8 @@ class Coordinates(eqx.Module):
         low_s, high_s = np.asarray(self.tau_limits_s).T
         if self.elements:
             ratios = [get_element(name).ratios for name in self.elements]
-            low_s = low_s * [own[-1] for own in ratios]
-            high_s = high_s * [own[0] for own in ratios]
+            low_s = low_s * [each[-1] for each in ratios]
+            high_s = high_s * [each[0] for each in ratios]
         return float(low_s.min()), float(high_s.max())
 
     def decode(self, point: Float[Array, "free"]) -> RCParameters:

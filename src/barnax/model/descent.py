@@ -41,7 +41,7 @@ class Axis:
     span: Span
     sign: int
     element: Element
-    _known: dict[float, Float[np.ndarray, "rows width"]] = field(default_factory=dict)
+    _columns: dict[float, Float[np.ndarray, "rows width"]] = field(default_factory=dict)
 
     def columns(
         self, scales: Float[np.ndarray, "points"]
@@ -52,11 +52,11 @@ class Axis:
 
     def columns_at(self, scale: float) -> Float[np.ndarray, "rows width"]:
         """The columns at one scale, which are kept."""
-        if scale not in self._known:
-            while len(self._known) >= KEPT:
-                del self._known[next(iter(self._known))]
-            self._known[scale] = self.columns(np.array([scale]))[0]
-        return self._known[scale]
+        if scale not in self._columns:
+            while len(self._columns) >= KEPT:
+                del self._columns[next(iter(self._columns))]
+            self._columns[scale] = self.columns(np.array([scale]))[0]
+        return self._columns[scale]
 
     def slopes_at(self, scale: float) -> Float[np.ndarray, "rows width"]:
         """Their derivatives by the scale."""
@@ -72,9 +72,9 @@ class Axis:
         """The share of each of the element's RC pairs, its log of tau, and whether that moves."""
         lowest = self.span.center - self.span.half_width
         for share, ratio in zip(self.element.shares, self.element.ratios, strict=True):
-            own = self.sign * scales + math.log(ratio)
+            each = self.sign * scales + math.log(ratio)
             # What is faster is at its end within every interval too.
-            yield share, np.maximum(own, lowest), (own > lowest - ROUNDING)[:, None]
+            yield share, np.maximum(each, lowest), (each > lowest - ROUNDING)[:, None]
 
     def _product(self, counts) -> Float[np.ndarray, "points rows width"]:
         if self.to_nodes is not None:
@@ -105,10 +105,10 @@ class Solved:
         return math.sqrt(self.objective_v2)
 
 
-Found = TypeVar("Found", bound=Solved)
+Polished = TypeVar("Polished", bound=Solved)
 
 
-class Descended(Protocol[Found]):
+class Descended(Protocol[Polished]):
     """An objective to descend on. The first axes, so many as are `interchangeable`, are of RC pairs
     with one box; `slope` is the derivative of the least J by the scales."""
 
@@ -116,25 +116,25 @@ class Descended(Protocol[Found]):
     def axes(self) -> Any: ...
     @property
     def interchangeable(self) -> int: ...
-    def solve(self, log_scales: LogScales, sides: Any = None, exact: bool = False) -> Found: ...
-    def slope(self, found: Found) -> Float[np.ndarray, "axes"]: ...
+    def solve(self, log_scales: LogScales, sides: Any = None, exact: bool = False) -> Polished: ...
+    def slope(self, solution: Polished, /) -> Float[np.ndarray, "axes"]: ...
     def least_v2(
         self, log_scales: Float[np.ndarray, "axes points"]
     ) -> Float[np.ndarray, "points"]: ...
 
 
-def polish(objective: Descended[Found], start: Found) -> Found:
+def polish(objective: Descended[Polished], start: Polished) -> Polished:
     """The end of a descent from a solution (L-BFGS-B), with interchangeable pairs from fast to
     slow."""
     best = start
 
     def measure(log_scales: Float[np.ndarray, "axes"]) -> tuple[float, Float[np.ndarray, "axes"]]:
         nonlocal best
-        found = objective.solve(tuple(log_scales.tolist()), best.sides)
-        if found.objective_v2 < best.objective_v2:
-            best = found
+        measured = objective.solve(tuple(log_scales.tolist()), best.sides)
+        if measured.objective_v2 < best.objective_v2:
+            best = measured
         unit = start.objective_v2 or 1.0
-        return found.objective_v2 / unit, objective.slope(found) / unit
+        return measured.objective_v2 / unit, objective.slope(measured) / unit
 
     minimize(
         measure,
@@ -187,11 +187,11 @@ def minima_of(values: Float[np.ndarray, "*grid"], factor: float = np.inf) -> lis
     >>> minima_of(np.array([3.0, 1.0, np.nan, 0.5, 0.5, 0.7]))
     [(3,), (1,)]
     """
-    known = np.where(np.isnan(values), np.inf, values)
-    is_minimum = (known == minimum_filter(known, 3, mode="nearest")) & np.isfinite(known)
-    is_minimum &= known <= factor * np.min(known)
-    grounds = np.empty(known.shape, int)
-    label(is_minimum, np.ones((3,) * known.ndim), output=grounds)
+    values = np.where(np.isnan(values), np.inf, values)
+    is_minimum = (values == minimum_filter(values, 3, mode="nearest")) & np.isfinite(values)
+    is_minimum &= values <= factor * np.min(values)
+    grounds = np.empty(values.shape, int)
+    label(is_minimum, np.ones((3,) * values.ndim), output=grounds)
     _, first = np.unique(grounds[is_minimum], return_index=True)
     points = np.argwhere(is_minimum)[first].tolist()
     return sorted(map(tuple, points), key=lambda point: values[point])

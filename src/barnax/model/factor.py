@@ -43,8 +43,8 @@ def join_triangles(triangles: Iterable[Triangle]) -> Triangle:
     """The triangular factor of some triangular ones."""
     tpqrt: Any = get_lapack_funcs("tpqrt")
 
-    def joined(own: Triangle, other: Triangle) -> Triangle:
-        return tpqrt(len(own), reflectors(len(own)), own, other)[0]
+    def joined(used: Triangle, other: Triangle) -> Triangle:
+        return tpqrt(len(used), reflectors(len(used)), used, other)[0]
 
     return reduce(joined, triangles)
 
@@ -52,8 +52,8 @@ def join_triangles(triangles: Iterable[Triangle]) -> Triangle:
 def append_rows(factor: Triangle, rows: Rows) -> Triangle:
     """The triangular factor with more rows, whose empty columns stay so."""
     used = np.flatnonzero(np.any(factor, axis=0) | np.any(rows, axis=0))
-    joined, own = np.zeros_like(factor), np.ix_(used, used)
-    joined[own] = update_triangular(factor[own], rows[np.any(rows, axis=1)][:, used])
+    joined, block = np.zeros_like(factor), np.ix_(used, used)
+    joined[block] = update_triangular(factor[block], rows[np.any(rows, axis=1)][:, used])
     return joined
 
 

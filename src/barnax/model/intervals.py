@@ -77,9 +77,9 @@ class Intervals(eqx.Module):
 
 def sized(values: Shaped[np.ndarray, "some"], size: int) -> Shaped[np.ndarray, "size"]:
     """The first values, so many; where there are fewer, the last is repeated."""
-    found = np.empty(size, values.dtype)
-    found[: len(values)], found[len(values) :] = values[:size], values[-1]
-    return found
+    filled = np.empty(size, values.dtype)
+    filled[: len(values)], filled[len(values) :] = values[:size], values[-1]
+    return filled
 
 
 def next_nodes(count: int) -> int:

@@ -20,7 +20,7 @@ TOLERANCE = 1e-12
 def spans_between(ends: Iterable[Range]) -> tuple[Span, Span | None]:
     """Nodes for every RC pair of a box, and for a dynamic hysteresis where there is one, by
     `span_ends`. Raises `InputError` where these are too far apart."""
-    in_tau, *in_rate = (span_of(*own, TOLERANCE) for own in ends)
+    in_tau, *in_rate = (span_of(*each, TOLERANCE) for each in ends)
     return in_tau, in_rate[0] if in_rate else None
 
 

@@ -71,13 +71,13 @@ class PreparedRecord(Brief):
         return replace(self.window, initial_direction=self.start.direction)
 
     @property
-    def as_told(self) -> "PreparedRecord":
+    def unregistered(self) -> "PreparedRecord":
         """The same with start and capacity as they were before other records, or else its OCV test,
         moved them."""
-        known = self.window.registration
-        if known is None:
+        registration = self.window.registration
+        if registration is None:
             return self
-        return self.in_window(known.told).following(self.dependence)
+        return self.in_window(registration.told).following(self.dependence)
 
     def in_window(self, window: Window, record: Record | None = None) -> "PreparedRecord":
         """The same prepared anew in another window, or another record in place of its own, from the
@@ -125,7 +125,7 @@ class PreparedRecord(Brief):
         if dependence is not None:
             record = self.record
             given = record.time_s, record.interval_current_a
-            factor = dependence.factor(*given, self.known_degc)[self.span]
+            factor = dependence.factor(*given, self.sample_degc)[self.span]
         return replace(self, dependence=dependence, resistance_factor=factor)
 
     def fitting_better(self, other_rmse_v: float) -> "PreparedRecord":
@@ -198,13 +198,13 @@ class PreparedRecord(Brief):
         return float(self.time_s[after - 1] - self.time_s[first])
 
     @property
-    def known_degc(self) -> Float[np.ndarray, "samples"] | None:
+    def sample_degc(self) -> Float[np.ndarray, "samples"] | None:
         """The temperature at every sample of the record: measured, else given or in its name."""
-        degc, told = self.record.temperature_degc, self.temperature_degc
+        degc, usual_degc = self.record.temperature_degc, self.temperature_degc
         if degc is not None and (measured := filled(self.record.time_s, degc)) is not None:
             return measured
-        is_told = told is not None and is_temperature(told)
-        return np.full(self.record.samples, told) if is_told else None
+        has_usual = usual_degc is not None and is_temperature(usual_degc)
+        return np.full(self.record.samples, usual_degc) if has_usual else None
 
     @property
     def measured_degc(self) -> Float[np.ndarray, "simulated"] | None:
@@ -317,10 +317,10 @@ def prepare_record(
     soc = soc_along(record, capacity_ah, first, start.soc)
     scored = scored_samples(record, window, first, soc)
     if is_measured:
-        scored, found = within_ocv(record, cell, capacity_ah, soc, scored)
-        if any(one.severity == "error" for one in found):
-            raise found[0].error()
-        warnings += found
+        scored, beyond = within_ocv(record, cell, capacity_ah, soc, scored)
+        if any(one.severity == "error" for one in beyond):
+            raise beyond[0].error()
+        warnings += beyond
     wrong = np.flatnonzero(scored & (record.voltage_v <= 0))
     if len(wrong):
         # Relative errors divide by voltages.

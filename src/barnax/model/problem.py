@@ -110,9 +110,9 @@ class Problem(Brief):
     @property
     def warnings(self) -> tuple[Notice, ...]:
         records = self.prepared_records
-        told = [warning for prepared in records for warning in prepared.record.warnings]
-        told += self.cell.warnings
-        return (*told, *(warning for prepared in records for warning in prepared.warnings))
+        warnings = [warning for prepared in records for warning in prepared.record.warnings]
+        warnings += self.cell.warnings
+        return (*warnings, *(warning for prepared in records for warning in prepared.warnings))
 
     @cached_property
     def coordinates(self) -> Coordinates:
@@ -142,7 +142,7 @@ class Problem(Brief):
     def is_compressible(self) -> bool:
         """True where the box is narrow enough for the small factor."""
         ends = ends_of(self.prepared_records, self.coordinates)
-        return all(can_span(*own, TOLERANCE) for own in ends)
+        return all(can_span(*each, TOLERANCE) for each in ends)
 
     @cached_property
     @in_float64
@@ -181,15 +181,19 @@ class Problem(Brief):
     ) -> list[CircuitParameters]:
         """The circuits at some points, pairs ordered by tau where both have one box."""
         circuits = jax.tree.map(np.asarray, _decode(as_input(points), coordinates))
-        found = []
+        decoded = []
         for index in range(len(points)):
             one = jax.tree.map(lambda leaf, index=index: float(leaf[index]), circuits)
             given = one.r0, one.r, one.tau, one.gamma, self.bounds.elements
-            found.append(CircuitParameters.of_tau(*given))
-        return [own.ordered() for own in found] if self.bounds.interchangeable_pairs else found
+            decoded.append(CircuitParameters.of_tau(*given))
+        return (
+            [each.ordered() for each in decoded] if self.bounds.interchangeable_pairs else decoded
+        )
 
 
-def known_to(model: str, values: Mapping[str, Any] | None, models: Sequence[str]) -> dict[str, Any]:
+def applicable_to(
+    model: str, values: Mapping[str, Any] | None, models: Sequence[str]
+) -> dict[str, Any]:
     """The bounds or fixed values that are not of another model alone; one that none of them knows
     is left for the first to complain of."""
     others = set().union(*map(_names_of, models)) - _names_of(model)
@@ -220,8 +224,8 @@ def point_blocks(
 
     Call inside float64.
     """
-    values: Any = [(own.r0, own.r, own.tau_s, own.gamma) for own in circuits]
-    points = [coordinates.encode(RCParameters(*own)) for own in values]
+    values: Any = [(each.r0, each.r, each.tau_s, each.gamma) for each in circuits]
+    points = [coordinates.encode(RCParameters(*each)) for each in values]
     last = len(points) - 1
     numbers = seed_blocks(len(points), CIRCUITS_PER_BLOCK)
     return [as_input([points[min(at, last)] for at in block]) for block in numbers]
@@ -276,15 +280,15 @@ def make_problem(
         raise ValueError(
             f"{len(windows)} windows for {len(records)} records; give one for all, or one for each"
         )
-    found = list[PreparedRecord]()
+    interval_s = list[PreparedRecord]()
     for record, its in zip(records, windows, strict=True):
         try:
-            found.append(prepare_record(record, cell, circuit, its))
+            interval_s.append(prepare_record(record, cell, circuit, its))
         except InputError as problem:
             if problem.code.startswith("start."):
                 require_whole_log(record, records, problem)
             raise
-    prepared_records = tuple(found)
+    prepared_records = tuple(interval_s)
     for prepared in prepared_records:
         require_changing_voltage(prepared)
     model = get_circuit(circuit)

@@ -115,22 +115,22 @@ def reduce_records(
             for turn, block in enumerate(blocks(prepared, layout, beside_v)):
                 numbers = group_of(block.here)
                 for group in np.unique(numbers[numbers >= 0]).tolist():
-                    is_own = numbers == group
-                    scored[group] += np.count_nonzero(is_own)
+                    is_member = numbers == group
+                    scored[group] += np.count_nonzero(is_member)
                     # One group alone has two chains, so that two cores share it.
                     chain = group, turn % CHAINS if count == 1 else 0
                     # Waiting here keeps no more blocks than there are chains.
                     done = chains.get(chain)
                     before = done.result() if done else _Triangle.empty(layout, order)
-                    chains[chain] = pool.submit(before.joined_by, block, is_own)
-        found = []
+                    chains[chain] = pool.submit(before.joined_by, block, is_member)
+        reduced_groups = []
         for group, number in enumerate(scored.tolist()):
             # Each is let go once it is put in order: one is as large as what is made of it.
             done = [chains.pop(chain) for chain in sorted(chains) if chain[0] == group]
-            own = [done.pop(0).result().reduced(layout, number) for _ in range(len(done))]
-            own = own or [_Triangle.empty(layout, order).reduced(layout, number)]
-            found.append(replace(_joined(own), scored=number))
-        return found
+            parts = [done.pop(0).result().reduced(layout, number) for _ in range(len(done))]
+            parts = parts or [_Triangle.empty(layout, order).reduced(layout, number)]
+            reduced_groups.append(replace(_joined(parts), scored=number))
+        return reduced_groups
 
 
 @dataclass(eq=False)
@@ -150,27 +150,27 @@ class _Triangle:
             fixed += layout.places["hysteresis_response"].size
         return cls(order, fixed, 0, np.zeros((layout.width,) * 2, order="F"))
 
-    def joined_by(self, block: "Block", is_own: Bool[np.ndarray, "_"]) -> "_Triangle":
+    def joined_by(self, block: "Block", is_member: Bool[np.ndarray, "_"]) -> "_Triangle":
         """This one, with those samples of a block that are its own."""
         rows, few = block.local_columns, block.local_columns.shape[1]
-        rows = rows if np.all(is_own) else rows[is_own]
+        rows = rows if np.all(is_member) else rows[is_member]
         if np.array_equal(block.columns, self.order):
             # All that there is, as of one node.
             self.factor = update_triangular(self.factor, rows)
             return self
-        place = np.empty_like(self.order)
-        place[self.order] = np.arange(len(self.order))
+        position = np.empty_like(self.order)
+        position[self.order] = np.arange(len(self.order))
         decaying = few - len(block.columns)
         if len(rows) > few:
             rows = update_triangular(np.zeros((few, few)), rows)
             # Below the decays of what is far, nothing but what is near is left.
-            self._join(rows[decaying:, decaying:], place[block.columns])
+            self._join(rows[decaying:, decaying:], position[block.columns])
             rows = rows[:decaying]
         if len(rows):
-            far = place[block.far]
-            own = rows[:, :decaying, None] * block.left[None]
-            rows = np.concatenate([own.reshape(len(rows), -1), rows[:, decaying:]], axis=1)
-            self._join(rows, np.append(far, place[block.columns]))
+            far = position[block.far]
+            decayed = rows[:, :decaying, None] * block.left[None]
+            rows = np.concatenate([decayed.reshape(len(rows), -1), rows[:, decaying:]], axis=1)
+            self._join(rows, np.append(far, position[block.columns]))
         return self
 
     def _join(self, rows: Columns, places: Int[np.ndarray, "few"]) -> None:
@@ -178,11 +178,11 @@ class _Triangle:
         early = places[places < width - self.fixed]
         self.end = max(self.end, int(early.max(initial=-1)) + 1)
         first = int(early.min(initial=self.end))
-        own = np.append(np.arange(first, self.end), np.arange(width - self.fixed, width))
+        used = np.append(np.arange(first, self.end), np.arange(width - self.fixed, width))
         wide = np.zeros((len(rows), width))
         wide[:, places] = rows
-        at = np.ix_(own, own)
-        self.factor[at] = update_triangular(self.factor[at], wide[:, own])
+        at = np.ix_(used, used)
+        self.factor[at] = update_triangular(self.factor[at], wide[:, used])
 
     def reduced(self, layout: Layout, scored: int) -> Reduced:
         # By whole columns, which are contiguous.
@@ -229,14 +229,14 @@ class Block:
     far: Int[np.ndarray, "decays others"]
     left: Float[np.ndarray, "decays others"]
 
-    def rows(self, layout: Layout, is_own: Bool[np.ndarray, "samples"]) -> Columns:
+    def rows(self, layout: Layout, is_chosen: Bool[np.ndarray, "samples"]) -> Columns:
         """All columns at some of the samples."""
-        local = self.local_columns[is_own]
-        found, decaying = np.zeros((len(local), layout.width)), local.shape[1] - len(self.columns)
-        found[:, self.columns] = local[:, decaying:]
+        local = self.local_columns[is_chosen]
+        rows, decaying = np.zeros((len(local), layout.width)), local.shape[1] - len(self.columns)
+        rows[:, self.columns] = local[:, decaying:]
         if decaying:
-            found[:, self.far] = local[:, :decaying, None] * self.left
-        return found
+            rows[:, self.far] = local[:, :decaying, None] * self.left
+        return rows
 
 
 def blocks(
@@ -295,8 +295,8 @@ def blocks(
         if len(far):
             columns = [decays, *columns]
         local = np.concatenate([column.reshape(size, -1) for column in columns], axis=1)
-        own = np.concatenate([places.ravel() for places in into])
-        yield Block(here, local, own, layout.places["pairs"][: len(left), far], left)
+        moved = np.concatenate([places.ravel() for places in into])
+        yield Block(here, local, moved, layout.places["pairs"][: len(left), far], left)
 
 
 class _SharedAnswers:
@@ -324,7 +324,7 @@ class _SharedAnswers:
         states = np.zeros((len(self._tau), held.shape[1]))
         states[:, :has_far], states[:, has_far:wide] = 1.0, self._states[:, near]
         # A few channels at a time, so that there is one program however many nodes are near.
-        found = [
+        parts = [
             answer_block(
                 self._tau,
                 states[:, first : first + CHANNELS],
@@ -333,10 +333,10 @@ class _SharedAnswers:
             )
             for first in range(0, held.shape[1], CHANNELS)
         ]
-        ends, answers = found[0]
-        if len(found) > 1:
-            ends = np.concatenate([part for part, _ in found], axis=1)
-            answers = np.concatenate([part for _, part in found], axis=2)
+        ends, answers = parts[0]
+        if len(parts) > 1:
+            ends = np.concatenate([part for part, _ in parts], axis=1)
+            answers = np.concatenate([part for _, part in parts], axis=2)
         answers = answers[:size, : self._count]
         left = self._states.copy()
         left[:, near] = 0.0

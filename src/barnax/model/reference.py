@@ -66,17 +66,19 @@ def error_blocks_of(
         size = here.stop - here.start
         soc = np.pad(first.soc[here], (0, BLOCK - size), mode="edge")
         ohm = np.zeros((len(circuits), 1 + len(tau_s), BLOCK))
-        for place, own in enumerate(circuits):
-            ohm[place, : 1 + len(own.tau_s)] = [own.at(name, soc) for name in own.resistances]
-        base_v = np.stack([sized((own.voltage_v - own.source_v)[here], BLOCK) for own in records])
+        for index, each in enumerate(circuits):
+            ohm[index, : 1 + len(each.tau_s)] = [each.at(name, soc) for name in each.resistances]
+        base_v = np.stack(
+            [sized((each.voltage_v - each.source_v)[here], BLOCK) for each in records]
+        )
         amplitude_v = [
-            sized(own.hysteresis_amplitude_v[here], BLOCK)
-            for own in records
-            if own.hysteresis_amplitude_v is not None
+            sized(each.hysteresis_amplitude_v[here], BLOCK)
+            for each in records
+            if each.hysteresis_amplitude_v is not None
         ]
-        own = ohm, base_v, np.stack(amplitude_v) if amplitude_v else None
-        advance = compile_for(_advance_all, *scales, *own, inputs, states)
-        states, errors_v = advance(*scales, *own, inputs, states)
+        each = ohm, base_v, np.stack(amplitude_v) if amplitude_v else None
+        advance = compile_for(_advance_all, *scales, *each, inputs, states)
+        states, errors_v = advance(*scales, *each, inputs, states)
         yield here, np.asarray(errors_v)[:, :size]
 
 
@@ -94,9 +96,9 @@ def _as_tabulated(prepared: PreparedRecord, circuit: CircuitParameters) -> Prepa
     if OCV_CORRECTION in circuit.tables:
         source_v = source_v + circuit.at(OCV_CORRECTION, prepared.soc)
     if HALF_HYSTERESIS in circuit.tables and amplitude_v is not None:
-        own_v = circuit.at(HALF_HYSTERESIS, prepared.soc)
-        source_v = source_v + prepared.start.direction * (own_v - amplitude_v)
-        amplitude_v = own_v
+        half_v = circuit.at(HALF_HYSTERESIS, prepared.soc)
+        source_v = source_v + prepared.start.direction * (half_v - amplitude_v)
+        amplitude_v = half_v
     return replace(prepared, source_v=source_v, hysteresis_amplitude_v=amplitude_v)
 
 

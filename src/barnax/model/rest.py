@@ -100,14 +100,14 @@ def fitted_soc(
     error_v = errors_v(soc)
     slope_v = cell.ocv_slope(soc - moved)
     # What resistances cannot make up for.
-    told_v = slope_v - columns @ np.linalg.lstsq(columns, slope_v)[0]
+    drop_v = slope_v - columns @ np.linalg.lstsq(columns, slope_v)[0]
     size_v2 = float(error_v @ error_v)
     alike = max(0.0, float(error_v[1:] @ error_v[:-1])) / max(size_v2, 1e-300)
     # Neighbors that err alike are one sample.
     samples = len(moved) * max(1 - alike, 1 / len(moved)) / (1 + alike)
     variance_v2 = size_v2 / len(moved) / samples
     with np.errstate(divide="ignore"):
-        sd = np.sqrt((variance_v2 + _OCV_SD_V**2) / np.mean(told_v**2))
+        sd = np.sqrt((variance_v2 + _OCV_SD_V**2) / np.mean(drop_v**2))
     return (soc, float(sd)) if sd <= _LARGEST_SD and np.sqrt(loss_v2(soc)) <= _LARGEST_V else None
 
 

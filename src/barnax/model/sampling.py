@@ -129,9 +129,9 @@ def shift_ohm(
     moved_ohm = 0.0
     for pair in pairs:
         kept = max(math.exp(-interval_s / (circuit.tau_s[pair.element] * pair.ratio)), least)
-        own, others = _answer(sampling, kept), _answer(other, kept)
+        first, others = _answer(sampling, kept), _answer(other, kept)
         whole_ohm = ohm[circuit.names[pair.element].resistance] * pair.share
-        moved_ohm += whole_ohm * (own[0] - own[1] / others[1] * others[0])
+        moved_ohm += whole_ohm * (first[0] - first[1] / others[1] * others[0])
     return moved_ohm
 
 
@@ -163,10 +163,10 @@ def resistance_shares(
     shares = {}
     for pair in rungs_of(circuit.elements):
         kept = math.exp(-interval_s / (circuit.tau_s[pair.element] * pair.ratio))
-        own, others = (_answer(each, kept)[1] for each in (sampling, other))
+        first, others = (_answer(each, kept)[1] for each in (sampling, other))
         # What is gone within a sample shows in no later one.
         if pair.share == 1 and others > GONE:
-            shares[circuit.names[pair.element].resistance] = own / others - 1
+            shares[circuit.names[pair.element].resistance] = first / others - 1
     return shares
 
 
@@ -174,8 +174,8 @@ def _answer(sampling: str, kept: float) -> tuple[float, float]:
     """A pair's answer in its own sample, and what it is under a current that flows after it,
     as shares of it; `kept` is what an interval leaves of it."""
     if sampling == "centered":
-        own = (1 - EARLIER_SHARE) * (1 - kept)
-        return own, 1 - own
+        first = (1 - EARLIER_SHARE) * (1 - kept)
+        return first, 1 - first
     if sampling == "means":
         later = (1 - kept) / -math.log(kept) if 0 < kept < 1 else 1 - kept
         return 1 - later, later

@@ -59,7 +59,7 @@ class Bounds:
         tau = (interval_s / 2, max(duration_s, interval_s))
         box = cls({}, tau, elements=elements)
         ranges = dict.fromkeys(box.resistances, resistance)
-        ranges |= {names.tau: box.limits_s(place) for place, names in enumerate(box.element_names)}
+        ranges |= {names.tau: box.limits_s(index) for index, names in enumerate(box.element_names)}
         if has_rate:
             ranges[RATE] = RATE_RANGE
         return replace(box, ranges=ranges)
@@ -78,10 +78,10 @@ class Bounds:
         """Their names, R0 first."""
         return (OHMIC, *(element.resistance for element in self.element_names))
 
-    def limits_s(self, place: int) -> Range:
+    def limits_s(self, index: int) -> Range:
         """Time constants of an element whose slowest RC pair that counts the record can show."""
         low, high = self.tau_limits_s
-        slowest = get_element(self.elements[place]).slowest_ratio
+        slowest = get_element(self.elements[index]).slowest_ratio
         return low / slowest, high / slowest
 
     @property
@@ -104,7 +104,7 @@ class Bounds:
         for both tau and C of one pair; `source` says where the change came from.
         """
         for name, (low, high) in ranges.items():
-            self._require_known(name, source)
+            self._require_name(name, source)
             if not (0 < low < high < math.inf):
                 raise InputError(
                     f"{source}: the bounds of {name!r} are [{low}, {high}]; they must be positive "
@@ -112,7 +112,7 @@ class Bounds:
                 )
             _require_allowed(name, (low, high), source)
         for name, value in fixed.items():
-            self._require_known(name, source)
+            self._require_name(name, source)
             if not 0 < value < math.inf:
                 raise InputError(
                     f"{source}: {name!r} cannot be fixed at {value}; give a positive value"
@@ -161,12 +161,12 @@ class Bounds:
         """Number of RC pairs, the first ones, that can be swapped within the box: all, or none."""
         pairs = alike(self.elements)
         names = self.element_names[:pairs]
-        if self.fixed.keys() & {name for own in names for name in own}:
+        if self.fixed.keys() & {name for each in names for name in each}:
             return 0
-        seconds = [self.second_name(place) for place in range(pairs)]
+        seconds = [self.second_name(index) for index in range(pairs)]
         boxes = {
-            (self.ranges[own.resistance], second == own.tau, self.ranges[second])
-            for own, second in zip(names, seconds, strict=True)
+            (self.ranges[each.resistance], second == each.tau, self.ranges[second])
+            for each, second in zip(names, seconds, strict=True)
         }
         return pairs if len(boxes) == 1 else 0
 
@@ -175,7 +175,7 @@ class Bounds:
         _, tau, capacitance = self.element_names[index]
         return tau if tau in self.ranges or tau in self.fixed else str(capacitance)
 
-    def _require_known(self, name: str, source: str) -> None:
+    def _require_name(self, name: str, source: str) -> None:
         if name not in self.names:
             raise InputError(
                 f"{source}: {cut(name, LONGEST_NAME)!r} is not a parameter of this circuit; there "
@@ -259,7 +259,7 @@ def read_bounds(path: Path) -> dict[str, Range]:
     }
 
 
-def _range_of(value: object, place: str) -> Range:
+def _range_of(value: object, index: str) -> Range:
     ends = value if isinstance(value, list) else []
     is_pair = len(ends) == 2 and all(type(end) in (int, float) for end in ends)
     try:
@@ -267,11 +267,11 @@ def _range_of(value: object, place: str) -> Range:
             return float(ends[0]), float(ends[1])
         shown = cut(repr(value), LONGEST_NAME)
     except OverflowError as problem:
-        raise InputError(f"{place} has a number that is too large") from problem
+        raise InputError(f"{index} has a number that is too large") from problem
     # Tables in tables are as deep as their names are long; digits may be too many to show.
     except (ValueError, RecursionError):
         shown = f"a {type(value).__name__}"
-    raise InputError(f"{place} must be two numbers, [lower, upper]; it is {shown}")
+    raise InputError(f"{index} must be two numbers, [lower, upper]; it is {shown}")
 
 
 def parse_fixed(texts: list[str]) -> dict[str, float]:

@@ -38,11 +38,11 @@ class RCParameters(eqx.Module):
     @property
     def pairs(self) -> list[tuple[Scalar, Scalar]]:
         """Resistance and time constant of every RC pair, those that elements consist of too."""
-        own = list(zip(self.r, self.tau, strict=True))
+        elements = list(zip(self.r, self.tau, strict=True))
         if not self.elements:
-            return own
+            return elements
         return [
-            (own[rung.element][0] * rung.share, own[rung.element][1] * rung.ratio)
+            (elements[rung.element][0] * rung.share, elements[rung.element][1] * rung.ratio)
             for rung in rungs_of(self.elements)
         ]
 
@@ -155,7 +155,7 @@ class SimulationInput(AbstractEvaluator):
 
     def squared_error(self, rc: RCParameters) -> Scalar:
         """Sum of squared errors over the scored samples, in V^2."""
-        return _squared_errors(jax.tree.map(lambda own: jnp.reshape(own, 1), rc), self)[0]
+        return _squared_errors(jax.tree.map(lambda each: jnp.reshape(each, 1), rc), self)[0]
 
     def errors(self, rc: RCParameters) -> Float[Array, "samples"]:
         error_v = self.base_error_v + overpotential(rc, self)
@@ -244,14 +244,15 @@ def _squared_errors(rc: RCParameters, inputs: SimulationInput) -> Float[Array, "
     scans = -(-count // LANES)
     lanes = -(-count // (scans * REGISTER)) * REGISTER
     filled = jax.tree.map(
-        lambda own: jnp.pad(own, (0, scans * lanes - count), mode="edge").reshape(scans, lanes), rc
+        lambda each: jnp.pad(each, (0, scans * lanes - count), mode="edge").reshape(scans, lanes),
+        rc,
     )
 
     def squared_errors(rc: RCParameters) -> Float[Array, "lanes"]:
         return _Population(rc, inputs).squared_errors()
 
     if scans == 1:
-        return squared_errors(jax.tree.map(lambda own: own[0], filled))[:count]
+        return squared_errors(jax.tree.map(lambda each: each[0], filled))[:count]
     totals = lax.map(squared_errors, filled)
     return totals.reshape(-1)[:count]
 
@@ -261,7 +262,7 @@ def _of_populations(size: int, is_batched: PyTree, rc: RCParameters, inputs: Sim
     """Those of several populations, which are one large population: they share the inputs."""
     del is_batched
     count = rc.r0.shape[-1]
-    together = jax.tree.map(lambda own: jnp.broadcast_to(own, (size, count)).reshape(-1), rc)
+    together = jax.tree.map(lambda each: jnp.broadcast_to(each, (size, count)).reshape(-1), rc)
     return _squared_errors(together, inputs).reshape(size, count), True
 
 
@@ -273,7 +274,7 @@ class _Population:
         self._r0 = rc.r0
         self._pairs = [Pair(tau, clock) for _, tau in rc.pairs]
         # What each state adds to the error, by the state or by the state and the amplitude.
-        self._slopes = [r * own.unit for (r, _), own in zip(rc.pairs, self._pairs, strict=True)]
+        self._slopes = [r * each.unit for (r, _), each in zip(rc.pairs, self._pairs, strict=True)]
         moving = [_clocked(inputs.held_a, clock)] * len(self._pairs)
         if hysteresis is not None and rc.gamma is not None:
             amplitude_v = hysteresis.amplitude_v
@@ -312,8 +313,8 @@ class _Population:
             moving, counting = jax.tree.map(lambda array, at=sample: array[at], samples)
             total = total + self._error_v(states, *counting) ** 2
             states = tuple(
-                pair.advance(state, *own)
-                for pair, state, own in zip(self._pairs, states, moving, strict=True)
+                pair.advance(state, *each)
+                for pair, state, each in zip(self._pairs, states, moving, strict=True)
             )
         return states, total
 

@@ -91,23 +91,26 @@ def find_start(
     if not unrested:
         voltage_v, sd_v = mean_at_rest(begun.segments, first)
     is_short = record.time_s[first] - record.time_s[0] < MINIMUM_REST_S
-    known: KnownSoc | None = None
+    determined: DeterminedSoc | None = None
     notices: list[Notice] = []
     if window.initial_soc is None and (unrested or is_short):
         # Of a record's opening rest nobody knows how long it was; counters tell more, and of one
         # that still relaxes whatever does.
         only = not (unrested or is_relaxing)
-        known = begun.known_soc(only_counters=only)
-        if only and known is not None and begun.denies(voltage_v, sd_v, known.soc):
-            known = None
+        determined = begun.determined_soc(only_counters=only)
+        if only and determined is not None and begun.denies(voltage_v, sd_v, determined.soc):
+            determined = None
     if window.initial_soc is not None:
         soc, soc_source = window.initial_soc, window.soc_source or "given"
         soc_sd = 0.0 if window.registration is None else window.registration.told_sd
         if soc_source == "given":
             soc -= begun.counted_soc
-    elif known is not None:
-        soc, soc_source, soc_sd = known.soc, known.source, known.soc_sd
-        row, voltage_v = int(record.row[known.known_at]), float(record.voltage_v[known.known_at])
+    elif determined is not None:
+        soc, soc_source, soc_sd = determined.soc, determined.source, determined.soc_sd
+        row, voltage_v = (
+            int(record.row[determined.sample]),
+            float(record.voltage_v[determined.sample]),
+        )
         if (room := abs(soc - 0.5) + 0.5) > 1 + _BEYOND_AN_END:
             moved = {"soc": soc, "known_row": row, "capacity_ah": capacity_ah}
             other_end = {"full end": soc < 0, "empty end": soc > 1}
@@ -121,8 +124,8 @@ def find_start(
         (soc, soc_sd), soc_source = begun.rested(first, direction), "rested voltage"
     elif fitted := None if cell.is_of_records else fitted_soc(record, cell, capacity_ah, first):
         (soc, soc_sd), soc_source = fitted, "fitted"
-        told = {"start_row": row, "soc": soc, "soc_sd": soc_sd}
-        notices = [Notice("start.fitted", told, record.name)]
+        values = {"start_row": row, "soc": soc, "soc_sd": soc_sd}
+        notices = [Notice("start.fitted", values, record.name)]
     else:
         raise unrested.error()
     if source == "assumed" and min(soc, 1 - soc) < NEAR_AN_END:
@@ -133,7 +136,7 @@ def find_start(
     begun = replace(begun, capacity_ah=capacity_ah)
     if unrested is None:
         notices += begun.beyond_ocv(start, sd_v)
-    rests = (rest.known_at for rest in begun.known_at_rests()) if unrested else [first]
+    rests = (rest.sample for rest in begun.rest_socs()) if unrested else [first]
     for at in sorted(rests, key=lambda at: abs(at - first))[:1]:
         notices += begun.denied_by_rest(at)
     if is_relaxing:
@@ -142,13 +145,13 @@ def find_start(
 
 
 @dataclass(frozen=True)
-class KnownSoc:
-    """The state of charge at one sample, how it is known, and where: at the sample `known_at`, by
+class DeterminedSoc:
+    """The state of charge at one sample, how it is known, and where: at the sample `sample`, by
     whose voltage it has the standard error `soc_sd`."""
 
     soc: float
     source: SocSource
-    known_at: int
+    sample: int
     soc_sd: float = 0.0
 
 
@@ -173,7 +176,7 @@ class _Beginning:
     def discharged_ah(self) -> Float[np.ndarray, "samples"]:
         return self.record.discharged_ah
 
-    def known_soc(self, *, only_counters: bool) -> KnownSoc | None:
+    def determined_soc(self, *, only_counters: bool) -> DeterminedSoc | None:
         """The state of charge at the start, carried by ampere-hours from where it is known.
 
         The nearest full or empty end counts before the voltage of a full cell there, that before
@@ -184,63 +187,65 @@ class _Beginning:
         is_flat = self.cell.has_flat_ocv
         witnesses = [] if only_counters else [self._ends(), self._full_voltage()]
         witnesses += [] if is_flat else [self._counted()]
-        witnesses += [] if is_flat or only_counters else [self.known_at_rests()]
+        witnesses += [] if is_flat or only_counters else [self.rest_socs()]
         for witness in witnesses:
             likely = [soc for soc in map(self._carried, witness) if self._is_likely(soc)]
             if likely:
-                return min(likely, key=lambda soc: abs(soc.known_at - self.first))
+                return min(likely, key=lambda soc: abs(soc.sample - self.first))
         return None
 
-    def _carried(self, known: KnownSoc) -> KnownSoc:
-        passed_ah = self.discharged_ah[known.known_at] - self.discharged_ah[self.first]
-        return replace(known, soc=float(known.soc + passed_ah / self.capacity_ah))
+    def _carried(self, determined: DeterminedSoc) -> DeterminedSoc:
+        passed_ah = self.discharged_ah[determined.sample] - self.discharged_ah[self.first]
+        return replace(determined, soc=float(determined.soc + passed_ah / self.capacity_ah))
 
-    def _is_likely(self, known: KnownSoc) -> bool:
-        apart_v = _COUNTED_APART_V if known.source == "counters" else _APART_V
+    def _is_likely(self, determined: DeterminedSoc) -> bool:
+        apart_v = _COUNTED_APART_V if determined.source == "counters" else _APART_V
         # Near empty 1 % SOC, lost between two testers, is worth hundreds of mV.
-        low_v, high_v = self.cell.average_ocv_v(known.soc + np.array([-_APART_SOC, _APART_SOC]))
-        is_within = -BEYOND_SOC <= known.soc <= 1 + BEYOND_SOC
+        low_v, high_v = self.cell.average_ocv_v(
+            determined.soc + np.array([-_APART_SOC, _APART_SOC])
+        )
+        is_within = -BEYOND_SOC <= determined.soc <= 1 + BEYOND_SOC
         return is_within and bool(low_v - apart_v <= self.source_v[self.first] <= high_v + apart_v)
 
-    def _ends(self) -> Iterator[KnownSoc]:
+    def _ends(self) -> Iterator[DeterminedSoc]:
         """The last samples of charges to full and of discharges to empty."""
         low, high = self.cell.soc_range
         if high >= 1 - _AT_AN_END:
             full_v = self.cell.charge(np.array([1 - _AT_AN_END]))[0]
             for last in self.segments.held_charges(self.capacity_ah):
                 if self.source_v[last] >= full_v:
-                    yield KnownSoc(1.0, "full end", last)
+                    yield DeterminedSoc(1.0, "full end", last)
         if low <= _AT_AN_END:
             empty_v = self.cell.discharge(np.array([_AT_AN_END]))[0]
             for _, last in self.segments.long_loads(-1):
                 is_slow = self.record.current_a[last] <= self.capacity_ah / _EMPTY_HOURS
                 if is_slow and self.source_v[last] <= empty_v:
-                    yield KnownSoc(0.0, "empty end", last)
+                    yield DeterminedSoc(0.0, "empty end", last)
 
-    def _full_voltage(self) -> Iterator[KnownSoc]:
+    def _full_voltage(self) -> Iterator[DeterminedSoc]:
         """The start, at the voltage of a full cell."""
         full_v = self.cell.average_ocv_v(np.array([1 - _AT_AN_END]))[0]
         is_small = abs(self.record.current_a[self.first]) <= self.capacity_ah / _SMALL_HOURS
         is_measured = self.cell.soc_range[1] >= 1 - _AT_AN_END
         if is_measured and is_small and self.source_v[self.first] >= full_v:
-            yield KnownSoc(1.0, "full voltage", self.first)
+            yield DeterminedSoc(1.0, "full voltage", self.first)
 
-    def _counted(self) -> Iterator[KnownSoc]:
+    def _counted(self) -> Iterator[DeterminedSoc]:
         """The first sample, were the tester's counters at zero when the cell was full or empty."""
         counted_ah = self.record.charge_ah
         begun_ah = 0.0 if counted_ah is None else float(counted_ah[0])
         soc = (1.0 if begun_ah > 0 else 0.0) - begun_ah / self.capacity_ah
         if begun_ah and -BEYOND_SOC <= soc <= 1 + BEYOND_SOC:
-            yield KnownSoc(soc, "counters", 0)
+            yield DeterminedSoc(soc, "counters", 0)
 
-    def known_at_rests(self) -> Iterator[KnownSoc]:
+    def rest_socs(self) -> Iterator[DeterminedSoc]:
         """The last samples of rests that are long enough, and come after a load."""
         for first, last, rest_s in self.segments.rests:
             if first and is_long(rest_s):
                 direction = -1 if self.record.current_a[first - 1] > 0 else 1
                 rest = cell_at_rest(self.segments, self.cell, last, direction)
                 if rest is not None:
-                    yield KnownSoc(rest[0], "rest elsewhere", last, rest[1])
+                    yield DeterminedSoc(rest[0], "rest elsewhere", last, rest[1])
 
     def rested(self, at: int, direction: int) -> tuple[float, float]:
         """The SOC that the rest around a sample tells, and its standard error. Raises `InputError`
@@ -283,10 +288,10 @@ class _Beginning:
         record, first = self.record, self.first
         rest_s = float(record.time_s[first] - record.time_s[0])
         is_doubtful = tells_soc and rest_s < MINIMUM_REST_S
-        told = {"first_v": record.voltage_v[0], "last_v": record.voltage_v[first]}
-        told |= {"start_row": record.row[first], "rest_s": rest_s}
-        told |= {"rest": "short" if is_doubtful else None}
-        return Notice("start.relaxing", told, record.name)
+        values = {"first_v": record.voltage_v[0], "last_v": record.voltage_v[first]}
+        values |= {"start_row": record.row[first], "rest_s": rest_s}
+        values |= {"rest": "short" if is_doubtful else None}
+        return Notice("start.relaxing", values, record.name)
 
     @property
     def counted_soc(self) -> float:
@@ -321,7 +326,7 @@ class _Beginning:
         """A warning where the rest around a sample contradicts the SOC that was given."""
         record, first = self.record, self.first
         # What other records of the cell made of it is no doubt of what was given.
-        window = self.window.as_told
+        window = self.window.unregistered
         if self.cell.is_of_records or window.initial_soc is None:
             return
         counted = float(self.discharged_ah[at] - self.discharged_ah[first]) / self.capacity_ah

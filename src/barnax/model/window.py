@@ -40,7 +40,7 @@ def merged(planned: Window, chosen: Window) -> Window:
         given = {**dict.fromkeys((*START, "initial_direction")), **given}
     if given.keys() & {"initial_soc", "capacity_ah"}:
         # What is registered goes with the start and the capacity that it was registered from.
-        planned = planned.as_told
+        planned = planned.unregistered
     if "initial_soc" in given:
         given = {"soc_source": None, **given}
     return replace(planned, **given)
@@ -54,8 +54,8 @@ def temperature_of(
     if window.temperature_degc is not None:
         return window.temperature_degc
     measured = np.empty(0) if record.temperature_degc is None else record.temperature_degc[samples]
-    known = measured[np.isfinite(measured)]
-    return float(np.median(known)) if len(known) else degc_in_name(record.name)
+    finite = measured[np.isfinite(measured)]
+    return float(np.median(finite)) if len(finite) else degc_in_name(record.name)
 
 
 # One for all records, or by the names of records, with "" for the others.
@@ -69,26 +69,26 @@ def group_tests(
 
     Raises `InputError` for one of unknown temperature beside others of several.
     """
-    own = window if isinstance(window, Mapping) else {}
+    windows = window if isinstance(window, Mapping) else {}
     degc = [
-        temperature_of(test, own.get(test.name, Window()))
+        temperature_of(test, windows.get(test.name, Window()))
         if isinstance(test, Record)
-        else own[test.name].temperature_degc
-        if test.name in own
+        else windows[test.name].temperature_degc
+        if test.name in windows
         else degc_in_name(test.name)
         for test in tests
     ]
     pairs = list(zip(degc, tests, strict=True))
-    found = group_near((known, test) for known, test in pairs if known is not None)
-    if len(found) < 2:
+    groups = group_near((test_degc, test) for test_degc, test in pairs if test_degc is not None)
+    if len(groups) < 2:
         return {}
-    for known, test in pairs:
-        if known is None:
+    for test_degc, test in pairs:
+        if test_degc is None:
             raise InputError(
                 f"{test.name}: has no column of temperatures, and the other OCV tests are of "
                 "several; say it with `temperature`"
             )
-    return found
+    return groups
 
 
 def first_sample(record: Record, window: Window, rest_a: float) -> int:
@@ -176,8 +176,8 @@ def within_ocv(
         if not outside.any():
             return scored, []
         counts |= {"outside": outside.sum(), "farthest_soc": beyond[outside].max()}
-        found = Notice("soc.outside-ocv", counts, record.name)
-        return scored, [found.rated("note") if counts["farthest_soc"] < SAME_FULL else found]
+        notice = Notice("soc.outside-ocv", counts, record.name)
+        return scored, [notice.rated("note") if counts["farthest_soc"] < SAME_FULL else notice]
     at = far[0]
     given = {"far_row": record.row[at], "capacity_ah": capacity_ah}
     given |= {"ocv": "records" if cell.is_of_records else "test"}
@@ -198,8 +198,8 @@ def within_ocv(
         counts |= {"far": "own", "instead": "own"}
     elif cell.is_of_records:
         counts |= {"instead": "records"}
-    told = Notice("soc.without-ocv", {"left_out": outside.sum(), **counts}, record.name)
-    return scored & ~outside, [told]
+    notice = Notice("soc.without-ocv", {"left_out": outside.sum(), **counts}, record.name)
+    return scored & ~outside, [notice]
 
 
 def _steps(record: Record, option: str, numbers: Sequence[int]) -> Bool[np.ndarray, "samples"]:

@@ -110,7 +110,7 @@ def measure_ageing(
     What the records do not determine says so, for others may help to; all of it is left out where
     no capacity fits them.
     """
-    told_records = [prepared.as_told for prepared in prepared_records]
+    told_records = [prepared.unregistered for prepared in prepared_records]
     starts_sd = [*map(_start_sd, told_records)]
     starts = [(prepared.start.soc, prepared.capacity_ah) for prepared in told_records]
     records = _all_moved(told_records, starts)

@@ -38,7 +38,7 @@ from ..global_optimum.proof import (
     remainders,
 )
 from ..model.box_least_squares import least_in_box
-from ..model.descent import Axis, Found, polish
+from ..model.descent import Axis, Polished, polish
 from ..model.search_space import Range
 from .objective import Solution, TableObjective
 
@@ -54,7 +54,7 @@ RIDGE = 1e-12
 PROGRAMS = 3
 
 
-def certify(objective: Any, best: Found, alone_v: Sequence[float] = (0.0,)) -> Proof[Found]:
+def certify(objective: Any, best: Polished, alone_v: Sequence[float] = (0.0,)) -> Proof[Polished]:
     """A bound on how far below the best known tables any in the box could be.
 
     It goes on until that is within `settings.proved_share`, or until `settings.max_boxes` boxes

@@ -133,7 +133,7 @@ def _as_given(objective: TableObjective, best: Solution) -> TableObjective:
     if objective.is_kept or not any(prepared.window.registration for prepared in records):
         return objective
     held = held_at(objective.ranges, best.log_scales)
-    given = reduced_objective([prepared.as_told for prepared in records], settings, held)
+    given = reduced_objective([prepared.unregistered for prepared in records], settings, held)
     return replace(objective, reduced=given.reduced, parts=given.parts, ranges=held)
 
 

@@ -19,7 +19,7 @@ from ..model.prepared import PreparedRecord
 from ..model.reference import error_blocks
 from ..model.steps import is_at_ocv, is_step
 from ..notices import Notice
-from ..schema import Told
+from ..schema import NoticeField
 from ..search.refine import AtBound, near_ends
 from .certificate import certify
 from .cross_validation import CrossValidation, SocErrors, cross_validate, with_spread
@@ -91,7 +91,7 @@ class TableFit(Brief):
     parameters: int
     intervals: tuple[NodeInterval, ...]
     cross_validation: CrossValidation | None
-    warnings: tuple[Told, ...]
+    warnings: tuple[NoticeField, ...]
     own_ocv: OcvCompared | None = None
     of_offset: OffsetEffect | None = None
     means: tuple[NodeInterval, ...] = ()

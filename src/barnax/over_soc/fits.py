@@ -282,7 +282,7 @@ def _mean_drop_v(fits: TableFits, identified: Sequence[Evaluation]) -> float:
 def no_temperature(prepared: PreparedRecord, fits: TableFits) -> Iterator[Notice]:
     """That a record has no temperature that the resistances could follow."""
     law = fits.of(prepared).dependence
-    if law is not None and BETA in law.numbers and prepared.known_degc is None:
+    if law is not None and BETA in law.numbers and prepared.sample_degc is None:
         told = {"reference_degc": law.reference_degc}
         yield Notice("tables.no-temperature", told, prepared.record.name)
 

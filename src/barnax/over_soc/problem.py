@@ -16,7 +16,7 @@ from ..cell.parameters import OHMIC, RATE
 from ..cell.soc_axis import ABOVE_SOC, is_above
 from ..errors import InputError
 from ..execution import in_float64
-from ..model.descent import Descended, Found, GridSizes, LogScales, lowest_scales, polish
+from ..model.descent import Descended, GridSizes, LogScales, Polished, lowest_scales, polish
 from ..model.exponentials import span_through
 from ..model.intervals import AT_ONCE
 from ..model.layout import Layout, span_ends, spans_between
@@ -239,7 +239,7 @@ GRID = GridSizes({1: 64, 2: 20, 3: 10, 4: 8}, {1: 32, 2: 12, 3: 8, 4: 7}, 8)
 MAX_MINIMA = 4
 
 
-def find_best(objective: Descended[Found]) -> Found:
+def find_best(objective: Descended[Polished]) -> Polished:
     """The best tables and time constants that a grid and descents from its minima find."""
     # Two pairs with one time constant are one pair, and searched only where there is no other.
     starts = lowest_scales(objective, GRID, apart=True)[:MAX_MINIMA]

@@ -78,7 +78,7 @@ class View:
     @property
     def windows(self) -> "Mapping[Window, list[str]]":
         """The records of each window as it was given."""
-        windows = [(part.window.as_told, part.name) for part in self.simulated if part.window]
+        windows = [(part.window.unregistered, part.name) for part in self.simulated if part.window]
         if self.result.cell.has_spanned_capacity:
             # It was not given, though the windows have it.
             windows = [(replace(window, capacity_ah=None), name) for window, name in windows]

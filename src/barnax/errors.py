@@ -18,7 +18,7 @@ class InputError(ValueError):
     Python names between backticks, which are used for nothing else. The command line prints the
     message without a traceback and exits with status 2.
 
-    What a program may act on it says as a `Notice` too, in `notice`, which is else None.
+    `notice` is the `Notice` that a program may act on, or None.
     """
 
     # What it says, as a `barnax.notices.Notice`.

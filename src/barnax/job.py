@@ -49,7 +49,7 @@ class _Signature:
 class Job(TableOptions, CellSettings, Reading, Scope, Settings):
     """A request to `identify`, with the fields of `Settings`, `Reading` and others by name.
 
-    `chosen` tells what was given from defaults.
+    `chosen` has the names of the options that were given.
 
     Args:
         records: Files, `Record`s or data frames to identify on, one or several. None: the bundled
@@ -66,9 +66,9 @@ class Job(TableOptions, CellSettings, Reading, Scope, Settings):
         cell: A known cell, which needs no `ocv`.
         watch: Called with the title of every stage and its number of steps; returns a context
             manager that gives a function to call with the steps done.
-        settings: Several of these options; those given by their names replace its own.
-        reading: So for how files are read.
-        tables: So for tables, and bounds and fixed values of tables alone.
+        settings: Several of these options; those given by name replace them.
+        reading: Likewise for reading files.
+        tables: Likewise for tables, with bounds and fixed values of tables alone.
 
     Raises `TypeError` for an option that there is not, with the nearest one, and `InputError` for a
     value that is none.

@@ -92,12 +92,12 @@ class Notice:
     """An error, a warning or a note; printed, its sentence with what to do.
 
     An `error` makes an input unusable as it is, or everything computed from it wrong. A `warning`
-    leaves it usable, at a price or with an option given. Both count for the exit status. A `note`
-    is what barnax copes with by itself, or a property to know about.
+    leaves it usable, with a loss or with an option. Both count for the exit status. A `note`
+    needs no action.
 
     Attributes:
-        code: What was found: one of `barnax.notices.kinds()`.
-        values: Numbers and names, units in the keys; what is None is no value of it.
+        code: One of `barnax.notices.kinds()`.
+        values: Numbers and names, with units in the keys; None is no value.
         subject: The file, record or parameter that it is about.
         row: The source row of the first place it was seen, counted as `Record.row` counts.
         rating: Its severity; where none is given, the usual one of its code.

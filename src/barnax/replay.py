@@ -69,10 +69,10 @@ class SocReplay(Document):
         before_s: What the record has before that, which is not replayed.
         soc_range: Lowest and highest SOC of the counter.
         flat_soc: Lowest and highest SOC of the counter where the errors of the circuit's OCV are
-            over 5 % SOC, as one standard deviation: the voltage hardly tells the SOC there.
+            over 5 % SOC, as one standard deviation: the voltage hardly shows the SOC there.
         flat_share: The share of the samples where they are.
         scenarios: The filter's errors in every scenario.
-        untried: Scenarios whose start the record has no room for.
+        untried: Scenarios whose start is outside the record.
         innovations: Tests of the innovations from the right start, None if it diverged.
         warnings: What is doubtful, with what to do.
     """
@@ -159,7 +159,7 @@ def replay_soc(
         window: The part of the record that is replayed; by default its own if the result is of
             it, else the one that a plan gives it.
         settings: The filter.
-        scenarios: Errors of a battery manager's knowledge; by default four cases.
+        scenarios: Wrong starts, currents and capacities; by default four cases.
         current_sign: The sign of the file's current; "auto" decides from the data.
         current_hold: When a sample's current flows; "auto" decides from the data.
         voltage_lag: How much older its voltage is than its current, as for `read_record`.

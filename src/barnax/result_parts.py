@@ -298,8 +298,8 @@ class ConstantPart(Part):
         assessment: Intervals and diagnostics, None if skipped or failed.
         hold_shift_ohm: How much more R0 would be if a sample's current flowed on its other side,
             where that is assumed.
-        search: What the seeds found, None without seeds.
-        refined: Where Levenberg-Marquardt took them.
+        search: The answers of the seeds, None without seeds.
+        refined: Their answers after Levenberg-Marquardt.
         bounds: Lowest and highest value of each parameter.
         fixed: Parameters that were held.
     """

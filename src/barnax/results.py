@@ -60,7 +60,7 @@ class Result(Document):
         cell: OCV, hysteresis voltage and capacity.
         inputs: Every file, with its digest and what was decided about it.
         plan: Every file of a folder with its role.
-        notes: What was done with the inputs; nothing has to be done about them.
+        notes: What was done with the inputs; they need no action.
         warnings: What is doubtful, with what to do; each prints as its sentence.
         versions: Versions of barnax and of what it computes with.
 

@@ -131,7 +131,7 @@ def from_start(values: Rows, first: int) -> Rows:
 class ScenarioPart(Part):
     """The estimates of a filter in one scenario; SOC and errors are fractions.
 
-    Errors are those after convergence, None without, but for those of the whole record.
+    Errors are those after convergence, None without it, except those of the whole record.
 
     Attributes:
         name: The scenario's.
@@ -152,7 +152,7 @@ class ScenarioPart(Part):
         counter_rms: Root mean square of plain counting over the same samples.
         counter_max: The largest error of plain counting.
         estimates: Final values of the estimated parameters, with their standard deviations; of
-            offset and capacity only those that the record tells.
+            offset and capacity only those that the record determines.
         diverged_s: Time at which the filter's numbers ceased to be finite.
     """
 

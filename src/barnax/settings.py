@@ -74,7 +74,7 @@ class Settings:
         population: Candidates per generation (30).
         iterations: Generations (500).
         key: Random key (0); the same key gives the same result.
-        over: Tables over SOC, whatever they gain: of the resistances and an OCV correction; with
+        over: Tables over SOC in any case: of the resistances and an OCV correction; with
             temperature, one set of tables per temperature, with shared time constants.
 
     Raises `InputError` for a number out of range and an unknown `over`.
@@ -191,9 +191,9 @@ class TableOptions:
         max_boxes: At most so many boxes of time constants for the proof; 0 means no proof.
         resistances_follow: What resistances follow beside SOC: the measured temperature, the cell's
             heating by its current, the current (Butler and Volmer), its direction, or none; auto
-            takes what lowers the held-out errors.
-        keep_starts: Keep every record's start and capacity as told. Otherwise several records of
-            one cell tell each other's, within some tenths of a percent.
+            takes those that lower the held-out errors.
+        keep_starts: Keep every record's start and capacity as given. Otherwise those of several
+            records of one cell are fitted, within some tenths of a percent.
         folds: Folds of the cross-validation, blocks held out in turn; 0 means none.
         block_s: Longest held-out block in s, less for a record that has no five of them in a fold.
     """

@@ -61,7 +61,7 @@ class CellModel(Brief):
         warnings: What is doubtful, with what to do.
         temperature_degc: Temperature of the OCV test, where there are tests at others.
         elsewhere: The cell by OCV tests at other temperatures.
-        sweep_ohm: Resistance whose drop is taken out of slow sweeps; None where it is still in.
+        sweep_ohm: Resistance whose drop is subtracted from slow sweeps; None if none is.
     """
 
     capacity_ah: float

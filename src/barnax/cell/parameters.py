@@ -82,7 +82,7 @@ class CircuitParameters(Brief):
             capacitance in F; then the rate of a dynamic hysteresis per unit of SOC, if any.
         nodes: States of charge, increasing.
         visited: True for nodes that are the nearest of some counted sample: the values of the
-            others follow from their neighbors and mean nothing by themselves.
+            others follow from their neighbors and mean nothing on their own.
         dependence: What the resistances follow beside SOC; None for nothing.
 
     Raises `InputError` if nodes do not rise, a table has another length or is missing, or elements

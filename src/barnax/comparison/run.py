@@ -253,8 +253,8 @@ class ComparisonJob(Job):
 def compare_files(job: ComparisonJob) -> ComparisonResult:
     """Models and methods compared on one record, as `compare` does, after the usual circuits.
 
-    All other options are those of `identify`, but for what is of one circuit: `model`, `method`,
-    `trust`, `cell` and all of tables.
+    All other options are those of `identify`; those of a single circuit (`model`, `method`,
+    `trust`, `cell` and tables) are refused.
 
     Args:
         records: The file, `Record` or data frame to identify on. None: the bundled cell.

@@ -335,7 +335,7 @@ class Width:
     Args:
         name: What it is.
         soc: Its node, None of a time constant.
-        value: What it is believed to be.
+        value: Assumed value.
         alone: Half the interval of a fit of the test alone.
         after: The same of a fit of the test with the earlier records.
         before: The same of a fit of the earlier records alone, None where they tell nothing.

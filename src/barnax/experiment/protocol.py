@@ -45,7 +45,7 @@ class Step:
     """A current held for a while.
 
     Args:
-        block: The piece of the test that it is of.
+        block: The piece of the test that it belongs to.
         duration_s: Its duration.
         current_a: The current.
     """
@@ -247,7 +247,7 @@ class Block:
     """Steps of constant current: how long each lasts, and its level.
 
     Args:
-        name: What it is.
+        name: Its name.
         durations_s: Duration of each step.
         levels: Its level: a share of the largest current allowed at the state of charge where the
             block stands; 1 is the largest discharge, -1 the largest charge, 0 a rest.

@@ -82,7 +82,7 @@ def followed(dependence: Dependence | None) -> tuple[str, ...]:
 
 
 class Predicted(Part):
-    """The test as it is believed to go: both ends of every step, and where the voltage bends
+    """The predicted test: both ends of every step, and where the voltage bends
     between them.
 
     Attributes:
@@ -92,7 +92,7 @@ class Predicted(Part):
         low_v: The lowest that it may be.
         high_v: The highest that it may be.
         soc: State of charge.
-        warming_k: By how much it warms the cell at most, in moving air.
+        warming_k: The largest warming of the cell, in moving air.
     """
 
     time_s: Annotated[np.ndarray, ARRAY]
@@ -147,25 +147,25 @@ class Design(Document):
     Attributes:
         capacity_ah: Capacity that it is for.
         limits: What it keeps: voltages, and rates in 1/h of the capacity.
-        temperature_degc: Temperature that it is for, None where nothing was said.
+        temperature_degc: Temperature that it is for, None if not given.
         wanted: Half the 95 % intervals that were asked for, by table: relative, in V for an OCV.
         is_reached: Whether all of them are predicted to be reached.
         hours: Its duration, from the rest at its start on.
         steps: All steps of constant current, in order.
-        widths: What it is predicted to tell.
+        widths: Predicted intervals.
         references: Usual tests with the same currents, in comparison.
-        predicted: How it is believed to go.
+        predicted: Predicted course.
         initial_soc: State of charge at its start.
-        start_v: The OCV that brings the cell there, where nothing shows what is full.
-        wanted_soc: From where to where in the state of charge the intervals are wanted.
+        start_v: The OCV that brings the cell there, if full is not given.
+        wanted_soc: Range of the state of charge in which the intervals are wanted.
         hours_searched: The longer time of a test that was looked for where they are not reached;
             None where no test is longer.
         hours_needed: The same where a test of that time would reach them.
-        finds_ocv: Whether the OCV is found by the test too.
+        finds_ocv: Whether the test also gives the OCV.
         earlier: The records that count, and are to be identified with the test's.
-        untold: Why those of the result do not count.
-        error: The error that a fit is taken to leave.
-        already: The names of which the earlier records tell what is wanted.
+        untold: Reason why those of the result do not count.
+        error: The assumed error of a fit.
+        already: The names whose aims the earlier records reach.
         printed: Half the intervals that the result prints, medians by table.
         beyond: What these reach over that no test narrows: "hold" for both holds of the current,
             "pair" for one that R0 may hide.

@@ -105,7 +105,7 @@ def identify_fleet(
 ) -> Progress:
     """Identify many cells into a dataset with one row per cell; existing rows are skipped.
 
-    If a cell cannot be identified, its row says why.
+    If a cell cannot be identified, its row has the reason.
 
     Args:
         cells: Those of a manifest, or mappings with an "id" and either a "problem" or the columns

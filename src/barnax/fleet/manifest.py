@@ -54,7 +54,7 @@ class FleetCell:
         validate_window: Those that differ for validation records.
         options: Arguments of `identify`.
         carried: Columns copied to its row.
-        missing: What is wrong with names of files: not there, or no file but a pipe.
+        missing: Problems of names of files: not there, or a pipe instead of a file.
         problem: A problem that replaces all files.
     """
 
@@ -150,7 +150,7 @@ def read_manifest(
         addresses: What its rows may read besides files: all below these addresses, such as
             `s3://bucket/logs`. A manifest that lies in a store itself reads what is below its own
             folder there, and no files of this machine.
-        problems: Takes all that is wrong with rows, one a line; without it the first is raised.
+        problems: Collects the problems of rows, one a line; without it the first is raised.
 
     Raises `InputError` where the manifest cannot be used; files that are none are in each cell's
     `missing`.

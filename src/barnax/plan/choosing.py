@@ -67,7 +67,7 @@ def plan(
         validate: Files to validate on, likewise.
         over: With "soc,temperature", and for a folder of pulse tests alone, one record at each
             temperature is identified, with the OCV test of its own where there is one.
-        window: What is known of the records, as in `identify`.
+        window: What is given for the records, as in `identify`.
         capacity: Capacity of the cell, in Ah.
         reading: How files are read.
         watch: Called for every stage, as in `identify`.

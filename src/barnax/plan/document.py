@@ -82,7 +82,7 @@ class Plan(Brief):
         options: Arguments of `identify`, such as the capacity in Ah.
         reasons: Why these, by option.
         missing: Which test must be measured before the plan can be run; empty if it can be run.
-        window: What is known of all records.
+        window: What is given for all records.
         warnings: Those about where its files lie.
     """
 

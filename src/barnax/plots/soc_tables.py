@@ -149,7 +149,7 @@ def plot_tables(fit: "TableFit", constant: "CircuitParameters | None" = None) ->
 
     Nodes that samples visit are filled, with their band, and crossed where the value is not
     determined; the others are hollow on a dashed line, for their values follow from their
-    neighbors. What is not in the scale is said above the panel.
+    neighbors. Values outside the scale are given above the panel.
 
     Args:
         fit: Tables over SOC.

@@ -52,16 +52,16 @@ class Record(Brief):
         notes: What was assumed or changed in reading.
         charge_ah: The tester's own net charge out of the cell since its counters began, which may
             be before the first sample.
-        skipped_ah: What the counters counted in intervals whose load was not logged, beyond what
-            the current tells.
+        skipped_ah: Charge that the counters counted in intervals whose load was not logged, beyond
+            that of the current.
         cycle: The tester's cycle numbers.
         flowing: The share of each interval for which its current flowed, where the logger wrote
             nothing at rest; None for all of all.
         state: +1 where the file says that a step discharges, -1 where it charges, 0 where it rests,
-            and `OTHER_STATE` where it says anything else.
+            and `OTHER_STATE` for any other word.
         voltage_lag_s: By how much the file's voltage is older than the current in its row.
         zero_date_s: The date at which the clock is zero, in s since 1970, where it has dates.
-        evidence: What it shows of its logger.
+        evidence: Evidence on its logger.
     """
 
     name: str

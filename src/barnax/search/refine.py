@@ -215,12 +215,12 @@ class AtBound:
 
 @dataclass(frozen=True)
 class Optimum:
-    """A distinct place where refined seeds ended.
+    """A distinct optimum that refined seeds reached.
 
     Attributes:
         rmse_v: Its RMSE.
         parameters: Its circuit.
-        seeds: How many seeds ended there.
+        seeds: Number of seeds that reached it.
         is_family: True if circuits with different parameters fit equally well there.
     """
 

@@ -312,7 +312,7 @@ def _columns(
     """The columns of every record's start, of the logarithm of their capacity, and of the OCV."""
     prepared = objective.prepared_records[place]
     soc = prepared.soc[prepared.scored]
-    columns = of_starts(objective, place, _slope(prepared, soc))
+    columns = of_starts(objective, found, place, _slope(prepared, soc))
     shared = columns[:, 1::2].sum(axis=1), _ocv_columns(prepared, soc)
     return np.column_stack([columns[:, 0::2], *shared])
 

@@ -57,11 +57,17 @@ class Estimated:
 
 
 def of_starts(
-    objective: TableObjective, index: int, slope: Float[np.ndarray, "samples"]
+    objective: TableObjective,
+    best: Solution,
+    index: int,
+    slope: Float[np.ndarray, "samples"] | None = None,
 ) -> Float[np.ndarray, "samples nuisances"]:
-    """The columns of a start and a capacity of every record, with the slope of the OCV by SOC."""
+    """The columns of a start and a capacity of every record, with a slope of the OCV by SOC, by
+    default that of the cell."""
+    del best
     prepared = objective.prepared_records[index]
     soc = prepared.soc[prepared.scored]
+    slope = prepared.cell.ocv_slope(soc) if slope is None else slope
     columns = np.zeros((len(soc), 2 * len(objective.prepared_records)))
     columns[:, 2 * index] = slope
     columns[:, 2 * index + 1] = slope * (prepared.start.soc - soc)
@@ -295,4 +301,4 @@ def _of_starts_and_offset(
     r_ohm = np.sum(best.values[: 1 + objective.pairs], axis=0)
     of_offset = slope * hours / prepared.capacity_ah
     of_offset += np.interp(soc, objective.nodes_of[0], r_ohm)
-    return np.column_stack([of_starts(objective, index, slope), of_offset])
+    return np.column_stack([of_starts(objective, best, index, slope), of_offset])

@@ -32,7 +32,6 @@ from ..uncertainty.noise import CONFIDENCE
 from .cross_validation import held_out
 from .dependence import polished
 from .nuisances import estimate, of_starts, shared_offset
-from .objective import Solution, TableObjective
 from .problem import box_of, find_best, is_loaded, reduced_objective, solved_at
 from .settings import TableSettings
 
@@ -92,7 +91,7 @@ def register(
         if number:
             objective, best = solved_at(found, plain, objective.ranges, best.log_scales)
             dependence = dependence and polished(objective, best, dependence)[0]
-        estimated = estimate(objective, best, _of_starts, shifts.ravel(), [prior.ravel()])[0]
+        estimated = estimate(objective, best, of_starts, shifts.ravel(), [prior.ravel()])[0]
         moved = (to_axis @ estimated.values).reshape(shifts.shape)
         errors = np.sqrt(np.diag(to_axis @ estimated.covariance @ to_axis.T))
         errors = errors.reshape(shifts.shape)
@@ -188,7 +187,7 @@ def register_alone(prepared: PreparedRecord, settings: TableSettings) -> Prepare
             return prepared
     prior = furthest / FURTHEST
     fitted = solved_at([found], plain, names, at)
-    errors = estimate(*fitted, _of_starts, np.zeros(2), [prior])[0].errors
+    errors = estimate(*fitted, of_starts, np.zeros(2), [prior])[0].errors
     return moved(best.x, *errors.tolist()) or found
 
 
@@ -320,11 +319,3 @@ def with_start(
     # Fewer samples would fit better wherever the rest is.
     leaves = is_beyond and np.sum(moved.scored) < np.sum(prepared.scored)
     return None if leaves else moved
-
-
-def _of_starts(
-    objective: TableObjective, found: Solution, place: int
-) -> Float[np.ndarray, "samples nuisances"]:
-    """The columns of starts and capacities, with the slope of the cell's own OCV."""
-    prepared = objective.prepared_records[place]
-    return of_starts(objective, place, prepared.cell.ocv_slope(prepared.soc[prepared.scored]))

@@ -1,6 +1,5 @@
 """The global optimum: what it finds, what it proves, and what it costs again."""
 
-import logging
 from dataclasses import replace
 from functools import partial
 
@@ -128,21 +127,6 @@ def test_a_circuit_with_dynamic_hysteresis_is_certified_too(problem_of):
     objective = ConstantObjective.of(problem)
     (lowest, *_) = lowest_scales(objective, search.GRID, apart=False)
     assert optimum.rmse_v <= objective.solve(lowest).rms_v * (1 + SAME)
-
-
-def test_another_problem_of_the_same_shape_compiles_nothing(problem_of, short_problem, caplog):
-    voltages_v = [
-        made_voltage_v(short_problem, (0.03, r1, 0.025), (4.0, 150.0)) for r1 in (0.01, 0.02, 0.03)
-    ]
-    problems = [problem_of(voltage_v=voltage_v) for voltage_v in voltages_v]
-    # The first may compile; so may the reductions, which are the problem's.
-    for problem in problems:
-        assert problem.compressed is not None
-    find_global_optimum(problems[0])
-    with jax.log_compiles(True), caplog.at_level(logging.WARNING):
-        for problem in problems[1:]:
-            find_global_optimum(problem)
-    assert [each.getMessage() for each in caplog.records if "ompil" in each.getMessage()] == []
 
 
 def test_the_gap_is_a_share_of_the_optimum_but_for_rounding():

@@ -1,7 +1,5 @@
 """What was assumed of a record's hold: tried the other way, decided by the voltage, told."""
 
-from dataclasses import replace
-
 import numpy as np
 import polars as pl
 import pytest
@@ -12,9 +10,8 @@ from barnax.cell import CircuitParameters, characterize
 from barnax.global_optimum.search import find_global_optimum, with_better_hold
 from barnax.model.prepared import prepare_record
 from barnax.model.problem import make_problem
-from barnax.model.sampling import resampling
 from barnax.model.window import Window
-from barnax.records import Decision, read_record, record_from_frame
+from barnax.records import read_record, record_from_frame
 from barnax.search.evaluate import evaluate
 from helpers.records import CURRENT, TIME, VOLTAGE
 
@@ -137,36 +134,3 @@ def test_an_interval_of_r0_reaches_up_to_what_comes_a_sample_late(pchip_cell):
     # What comes in the second sample: of the pairs, a sample and a half of their own.
     passed = np.sum(-np.array(TRUTH.r) * np.expm1(-1.5 / np.array(TRUTH.tau_s)))
     assert 0.05 < r0.high < 1.05 * (0.05 + passed)
-
-
-@pytest.mark.slow
-def test_tables_move_under_the_other_hold_by_the_closed_form_of_their_own_pairs(pchip_cell):
-    tables = {
-        hold: barnax.identify(
-            simulated(pchip_cell, 10.0 * np.arange(700), "backward"),
-            current_hold=hold, cell=pchip_cell, over="soc", model="so-rc", seeds=0, window=WINDOW,
-        )
-        for hold in ("forward", "backward")
-    }  # fmt: skip
-    forward, backward = tables["forward"].fits, tables["backward"].fits
-    r0 = [each.mean_ohm("R0 [Ohm]") for each in (forward, backward)]
-    own = 0.9 * 10 / 3600 / pchip_cell.capacity_ah
-    changes = []
-    for hold, fits in (("forward", forward), ("backward", backward)):
-        (evaluation,) = tables[hold].evaluations.identification
-        record = replace(evaluation.prepared.record, hold=Decision(hold, "assumed", "made so"))
-        prepared = replace(evaluation.prepared, record=record)
-        circuit = fits.reference.tables
-        ohm = {name: fits.mean_ohm(name) for name in circuit.resistances}
-        changes.append(resampling([prepared], circuit, ohm))
-    assert changes[0].r0_ohm == pytest.approx(r0[1] - r0[0] + own, rel=0.15)
-    assert changes[1].r0_ohm == pytest.approx(r0[0] - r0[1] - own, rel=0.15)
-    for name, share in changes[0].shares.items():
-        pair = [each.mean_ohm(name) for each in (forward, backward)]
-        # The wrong hold leaves four times the noise, which bends a table within its intervals.
-        (mean,) = [each for each in forward.fits[0].means if each.name == name]
-        assert mean.low * (1 + share) < pair[1] < mean.high * (1 + share)
-        assert pair[0] * (1 + share) == pytest.approx(pair[1], rel=0.04)
-        reaching = forward.spanning([], {name: share}).fits[0]
-        for node in reaching.of_table(name):
-            assert node.low is None or node.low <= node.value * (1 + share) <= (node.high or 0.0)

@@ -229,15 +229,6 @@ def test_a_record_that_only_discharges_tells_no_difference_of_resistances():
         identified([record], resistances_follow="direction")
 
 
-@pytest.mark.slow
-def test_a_temperature_that_stands_still_is_as_good_as_none():
-    def driven(time_s, current_a):
-        return np.full_like(time_s, 25.0), *by_current(0.8)(time_s, current_a)[1:]
-
-    # Of one record without temperatures nothing is tried.
-    assert identified([made(driven=driven)[0]]).fit.tables.dependence is None
-
-
 @pytest.mark.parametrize("kappa_per_a2", [1e-6, 1e-5])
 def test_what_may_be_anything_has_no_interval(kappa_per_a2):
     """A heat so weak that no sample tells its logarithm."""

@@ -1,6 +1,5 @@
 """Tables with an OCV of the records' own, against accepted numbers and a known truth."""
 
-import csv
 from dataclasses import replace
 
 import numpy as np
@@ -16,18 +15,11 @@ from barnax.errors import InputError
 from barnax.export.tables import tables_of
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
-from barnax.over_soc import own_ocv
-from barnax.over_soc.certificate import certify
 from barnax.over_soc.fit import pooled_errors
-from barnax.over_soc.level import level_cell
-from barnax.over_soc.nuisances import offset_effect
-from barnax.over_soc.problem import find_best, reduced_objective
 from barnax.over_soc.settings import TableSettings
 from barnax.records import read_record
 from barnax.records.record import in_means
 from barnax.reporting.identification import identification_document
-from barnax.reporting.parameters import tables_csv
-from barnax.reporting.view import View
 from barnax.settings import NODES
 from helpers.known_cell import FEW_NODES, R0_OHM, R_OHM, SMALL, TAU_S, made, ocv_v
 from helpers.own_ocv import fit_with_ocv
@@ -186,22 +178,6 @@ def test_a_second_record_starts_where_the_first_ones_ocv_has_its_rest():
     assert both.cell.soc_range[0] < 0.4
 
 
-@pytest.mark.slow
-def test_a_start_beyond_full_that_a_rest_tells_is_told():
-    whole, _ = made(seed=0)
-    drive, soc = made(seed=1, hours=1.5)
-    counted_a = np.concatenate([1.05 * drive.current_a, np.zeros(3000)])
-    voltage_v = np.concatenate([drive.voltage_v, np.full(3000, ocv_v(soc[-1]))])
-    time_s = (drive.time_s[1] - drive.time_s[0]) * np.arange(len(counted_a))
-    part = make_record(time_s, counted_a, voltage_v, name="part.csv")
-    windows = {whole.name: FROM_FULL, part.name: Window()}
-    own = fit_with_ocv([whole, part], "so-rc", windows, replace(QUICK, keep_starts=True))
-    (told,) = own.warnings
-    assert (told.code, told.subject) == ("start.beyond-an-end", part.name)
-    assert told.values["soc"] == pytest.approx(1 + 0.05 * (1 - soc[-1]), abs=5e-3)
-    assert own.windows[part.name].initial_soc == told.values["soc"]
-
-
 @pytest.mark.parametrize("window", [Window(capacity_ah=0.9), Window(initial_soc=0.5)])
 def test_a_record_that_leaves_the_axis_of_soc_says_what_it_spans(window):
     record, _ = made()
@@ -283,20 +259,6 @@ def test_a_hysteresis_is_found_with_the_ocv_where_there_is_one(turning):
         gap_v = result.fit.tables.at("half hysteresis [V]", inside)
         assert np.median(gap_v) == pytest.approx(half_gap_v, rel=0.15)
         assert result.fit.tables.gamma == pytest.approx(30.0, rel=0.2)
-
-
-def test_a_hysteresis_without_an_ocv_test_is_told_stored_and_exported(turning, tmp_path):
-    half_gap_v, _, result = turning
-    path = tmp_path / "result.json"
-    path.write_text(result.to_json())
-    again = barnax.Result.from_json(path)
-    drive = {"Time [s]": np.arange(600.0), "Current [A]": np.repeat([2.0, -2.0], 300)}
-    simulated_v, stored_v = (own.simulate(drive)["Voltage [V]"] for own in (result, again))
-    np.testing.assert_array_equal(simulated_v, stored_v)
-    (axis,) = [line for line in View(again).guesses if "no OCV test" in line]
-    assert ("the OCV and the hysteresis were identified" in axis) is bool(half_gap_v)
-    assert ("half of the hysteresis" in axis) is not bool(half_gap_v)
-    assert (tables_of(again).hysteresis is not None) is bool(half_gap_v)
 
 
 @pytest.mark.parametrize("model", [None, pytest.param("esc", marks=pytest.mark.slow)])
@@ -467,22 +429,17 @@ def test_a_record_alone_is_identified_validated_and_stored(tmp_path):
     assert again.cell.is_of_records
     simulated = again.simulate({"Time [s]": [0.0, 1.0, 2.0], "Current [A]": [0.0, 2.0, 2.0]})
     assert simulated["Voltage [V]"][0] > simulated["Voltage [V]"][1]
-    # The OCV is an answer too, with its intervals: the circuit's, at every node.
-    rows = csv.DictReader(tables_csv(again.fits).decode().splitlines())
-    rows = [row for row in rows if row["table"] == OCV]
-    assert len(rows) > len(again.fit.tables.nodes)
-    for row in rows:
-        ocv_v = again.cell.average_ocv_v(np.array([float(row["SOC"])]))[0]
-        assert float(row["value"]) == pytest.approx(ocv_v, abs=1e-9)
+    # The OCV is an answer too, with its intervals at nodes closer than those of the resistances.
     frame = again.to_frame().drop_nulls("OCV low [V]")
-    # Its own nodes are closer than those of the resistances, which are known at each.
-    assert frame["SOC"].to_list() == [float(row["SOC"]) for row in rows]
+    nodes = [node for node in again.fit.of_table(OCV) if node.low is not None]
+    assert frame["SOC"].to_list() == [node.soc for node in nodes]
+    assert len(nodes) > len(again.fit.tables.nodes)
+    assert frame["OCV [V]"].to_list() == pytest.approx(
+        again.cell.average_ocv_v(frame["SOC"].to_numpy()), abs=1e-9
+    )
     assert not frame["R0 [Ohm]"].has_nulls()
-    (told,) = [one for one in identification_document(again).sections if "OCV iden" in one.title]
-    shown = [float(cells[0]) for cells in told.blocks[0].rows]
-    assert shown == pytest.approx([*(100 * frame["SOC"])], rel=1e-3)
-    assert all(frame["OCV low [V]"] < frame["OCV [V]"])
-    assert all(frame["OCV [V]"] < frame["OCV high [V]"])
+    (shown,) = [one for one in identification_document(again).sections if "OCV iden" in one.title]
+    assert len(shown.blocks[0].rows) == len(frame)
 
 
 @pytest.mark.slow
@@ -528,18 +485,6 @@ def test_nodes_of_the_ocv_without_samples_are_told_where_resistances_have_one_va
     (caveat,) = [text for text in tables_of(result).caveats if "No sample is near SOC" in text]
     last = float(caveat.partition("SOC 0 to ")[2].partition(":")[0])
     assert soc.min() - 0.05 < last < soc.min()
-
-
-def test_the_frame_of_one_value_has_the_nodes_of_the_ocv(narrow):
-    result, _ = narrow
-    frame = result.to_frame()
-    nodes = result.fit.of_table(OCV)
-    assert frame["SOC"].to_list() == [node.soc for node in nodes]
-    assert frame["OCV [V]"].to_list() == [node.value for node in nodes]
-    assert set(frame["R0 [Ohm]"]) == set(result.fit.tables.tables["R0 [Ohm]"])
-    rows = [*csv.DictReader(tables_csv(result.fits).decode().splitlines())]
-    assert {row["SOC"] for row in rows if row["table"] == "R0 [Ohm]"} == {""}
-    assert len(rows) == 3 + 2 + len(nodes)
 
 
 @pytest.mark.slow
@@ -604,30 +549,6 @@ def test_intervals_of_a_circuit_that_was_asked_for_count_its_ocv(chosen):
         assert np.mean(inside) >= 0.85
     assert len(held) == 15
     assert np.mean(held) >= 0.85
-
-
-@pytest.mark.slow
-def test_only_the_answer_is_proved(monkeypatch):
-    seen = []
-
-    def counted(objective, best):
-        seen.append(objective.nodes)
-        return certify(objective, best)
-
-    monkeypatch.setattr(own_ocv, "certify", counted)
-    record, _ = made(1, noise_v=1e-3)
-    result = barnax.identify(record, window=FROM_FULL, seeds=0, trust="none")
-    assert result.fit.status == "certified"
-    assert seen == [len(result.fit.tables.nodes)] == [1]
-
-
-def test_an_offset_does_nothing_to_resistances_that_are_all_zero(known):
-    record, _, _ = known
-    prepared = prepare_record(record, level_cell(2.0, 3.7), "so-rc", FROM_FULL)
-    objective = reduced_objective([prepared], QUICK)
-    best = find_best(objective)
-    assert offset_effect(objective, best) is not None
-    assert offset_effect(objective, replace(best, values=0 * best.values)) is None
 
 
 @pytest.mark.slow

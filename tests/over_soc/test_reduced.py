@@ -174,17 +174,6 @@ def test_the_normal_equations_are_accurate_enough_to_search_with(prepared):
         assert rough.rms_v == pytest.approx(exact.rms_v, rel=1e-11)
 
 
-def test_the_slope_is_that_of_the_least_objective(prepared):
-    objective, place = objective_of(prepared), np.log([9.0, 120.0])
-
-    def least(at):
-        return objective.solve(tuple(at), exact=True).objective_v2
-
-    slope = objective.slope(objective.solve(tuple(place), exact=True))
-    expected = [(least(place + step) - least(place - step)) / 2e-5 for step in 1e-5 * np.eye(2)]
-    assert slope == pytest.approx(expected, rel=1e-4)
-
-
 def test_descents_from_all_over_the_box_find_nothing_better(prepared):
     objective = objective_of(prepared)
     best = find_best(objective)

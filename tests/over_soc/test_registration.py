@@ -21,7 +21,6 @@ from barnax.pipeline import _between_ends, _registered
 from barnax.records import read_record
 from barnax.reporting.view import View
 from barnax.reporting.wording import sentences
-from helpers import known_cell
 from helpers.known_cell import FEW_NODES, R0_OHM, R_OHM, SMALL, TAU_S, made, ocv_v
 from helpers.problems import drive_a, simulated_record
 from helpers.reference import drop_v, filtered_response, make_record
@@ -117,30 +116,6 @@ def test_a_record_to_validate_on_is_told_with_its_start_moved_too(registered):
     assert rmse_v < 0.5 * found.metrics.rmse_v
     stays = registered.validate(record, Window(initial_soc=0.99 + moved_soc, capacity_ah=2.0))
     assert abs(stays.registered[0]) < 1e-3
-
-
-def logged_at_end(record):
-    """The same on an uneven clock, with the mean current since the row before, as none says."""
-    current_a = np.append(0.0, record.current_a[:-1])
-    voltage_v = record.voltage_v + R0_OHM * (record.current_a - current_a)
-    is_steady = np.append(current_a[:-1] == current_a[1:], False)
-    keep = ~is_steady | (np.random.default_rng(1).random(len(is_steady)) > 0.4)
-    keep[:5] = True
-    own = make_record(record.time_s[keep], current_a[keep], voltage_v[keep], name=record.name)
-    return replace(own, hold=replace(own.hold, strength="assumed"))
-
-
-@pytest.mark.slow
-def test_what_another_hold_tells_is_registered_with_it(records):
-    """The fit that is stored is that of the windows that are stored."""
-    found = identified([logged_at_end(each) for each in records])
-    inputs = found.of_role("identification")
-    assert [each.hold.value for each in inputs] == ["backward"] * 3
-    for each, own in zip(found.fit.errors, found.metrics.jointly, strict=True):
-        assert own.rmse_v == pytest.approx(each.rmse_v, rel=1e-2)
-    soc = np.array([each.window.initial_soc for each in inputs])
-    np.testing.assert_allclose(soc - soc.mean(), TRUE_SOC - TRUE_SOC.mean(), atol=1e-3)
-    assert {each.window.registration.told_source for each in inputs} == {"given"}
 
 
 @pytest.mark.slow
@@ -345,19 +320,6 @@ def test_records_of_different_rates_tell_an_offset_of_their_current(offset_a):
 
 
 # What tells an offset has tests of its own, in `test_current_offset`.
-@pytest.mark.slow
-@pytest.mark.parametrize("offset_a", [0.0, 0.02])
-def test_short_records_of_different_rates_tell_an_offset_of_their_current(monkeypatch, offset_a):
-    monkeypatch.setattr(known_cell, "SAMPLES", 1500)
-    fast, slow = made(0, 0.98, 1.2)[0], made(1, 0.98, 2.4, scale=0.5)[0]
-    records = [replace(each, current_a=each.current_a + offset_a) for each in (fast, slow)]
-    found = identified(records, folds=0)
-    told = [each.values for each in found.warnings if each.code == "answer.current-offset"]
-    assert len(told) == (offset_a > 0)
-    for each in told:
-        assert each["offset_a"] == pytest.approx(offset_a, abs=each["error_a"])
-
-
 @pytest.mark.parametrize(("rest_a", "is_zero"), [(0.0, True), (0.02, False), (None, False)])
 def test_a_load_that_passes_zero_is_no_rest_that_reads_zero(rest_a, is_zero):
     draw = np.random.default_rng(3)
@@ -367,18 +329,6 @@ def test_a_load_that_passes_zero_is_no_rest_that_reads_zero(rest_a, is_zero):
     assert np.count_nonzero(np.abs(current_a) < 0.01) > 60
     read = SimpleNamespace(current_a=current_a, capacity_ah=2.0, median_interval_s=1.0)
     assert reads_zero_at_rest(read) is is_zero
-
-
-@pytest.mark.slow
-def test_a_current_that_reads_zero_at_rest_has_no_offset_whatever_the_voltages_say():
-    records = [made(0, 0.98, 2.4, 1e-3)[0], made(1, 0.98, 4.8, 1e-3, scale=0.5)[0]]
-    records = [
-        replace(each, current_a=np.where(each.current_a == 0, 0.0, each.current_a + 0.03))
-        for each in records
-    ]
-    windows = {each.name: Window(initial_soc=0.98, capacity_ah=2.0) for each in records}
-    found = barnax.identify(records, window=windows, folds=0, **ALONE)
-    assert "answer.current-offset" not in {each.code for each in found.warnings}
 
 
 def test_a_rest_far_from_the_ocv_of_a_record_to_validate_on_is_told(emptied):

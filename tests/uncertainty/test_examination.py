@@ -5,26 +5,14 @@ import pytest
 from scipy.optimize import least_squares
 
 from barnax.errors import InputError
-from barnax.schema import Part
 from barnax.uncertainty import Examination, examine, profile
 from helpers.noisy_fits import TRUTH, fit, made_problem, white_noise
 from helpers.reference import drop_v, filtered_response
 
 
-class Stored(Part):
-    """A part of a result."""
-
-    examination: Examination
-
-
 @pytest.fixture(scope="module")
 def examination(white) -> Examination:
     return examine(white.problem, white.parameters, white.assessment)
-
-
-def test_an_examination_is_read_back_as_it_was_written(examination):
-    stored = Stored(examination=examination)
-    assert Stored.model_validate_json(stored.model_dump_json(by_alias=True)) == stored
 
 
 def test_the_examination_is_of_every_parameter_that_has_an_error(white, examination):

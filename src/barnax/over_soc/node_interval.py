@@ -44,6 +44,11 @@ class NodeInterval:
     record_high: float | None = None
 
     @property
+    def is_biased(self) -> bool:
+        """True where the value may have been moved further than its standard error."""
+        return abs(self.bias) > self.standard_error
+
+    @property
     def on_another_record(self) -> Self:
         """What another record of the cell would show."""
         return replace(self, low=self.record_low, high=self.record_high)

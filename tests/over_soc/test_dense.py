@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 from scipy.optimize import minimize
 from scipy.stats import t as student
 
@@ -34,6 +35,8 @@ from helpers.dense import (
     slopes_of,
 )
 
+# The mean of lines between the nodes: half an interval of each end's.
+TRAPEZOIDS = np.array([1, 2, 2, 1]) / 6
 HELD = {name: (tau, tau) for name, tau in zip(BOX, TAU_S, strict=True)}
 
 
@@ -48,36 +51,45 @@ def with_scales(penalty, count=2):
 
 @in_float64
 def test_an_interval_is_students_t_times_the_root_of_the_sandwich():
+    """Of nodes, of the means of tables between them, and of time constants."""
     prepared = prepared_of(made_record())
     objective = reduced_objective([prepared], SETTINGS, BOX)
     best = objective.solve(LOG_SCALES, exact=True)
     columns, base = columns_of(prepared)
     smooth = fitted_tables(columns, penalty_of(), base)
-    penalty = penalty_of(LIGHT)
-    light = fitted_tables(columns, penalty, base)
+    light = fitted_tables(columns, penalty_of(LIGHT), base)
     jacobian = np.hstack([columns, slopes_of(prepared, light)])
-    penalty = with_scales(penalty)
+    penalty = with_scales(penalty_of(LIGHT))
     error = base + columns @ light
-    errors, reaches = reaches_of(np.eye(14), jacobian, penalty, error, prepared.time_s)
+    weights = np.vstack([np.eye(12), np.kron(np.eye(3), TRAPEZOIDS)])
+    directions = block_diag(weights, np.eye(2))
+    errors, reaches = reaches_of(directions, jacobian, penalty, error, prepared.time_s)
     # What straight lines leave of the curves moves the tables as an error of the voltage does.
     curves = [*curves_of(objective, best)]
     left = sum(
         columns[:, objective.block(table)].sum(axis=1) * curve.above_lines(prepared.soc)
         for table, curve in enumerate(curves)
     )
-    normal = jacobian.T @ jacobian / len(base) + penalty.T @ penalty
-    moved = np.linalg.solve(normal, jacobian.T @ left / len(base))[:12]
-    curved = light + np.concatenate([curve.sags for curve in curves]) - moved
-    low = np.minimum(smooth, np.minimum(light, curved) - reaches[:12])
-    high = np.maximum(smooth, np.maximum(light, curved) + reaches[:12])
+    moved = solved(jacobian, penalty, jacobian.T @ left / len(base))[:12]
+    soc = NODES[0] + (NODES[-1] - NODES[0]) * (np.arange(3000) + 0.5) / 3000
+    above = [*(curve.sags for curve in curves)]
+    above += [[np.mean(curve.above_lines(soc))] for curve in curves]
+    smooth, light, moved = (weights @ values for values in (smooth, light, moved))
+    curved = light + np.concatenate(above) - moved
+    low = np.minimum(smooth, np.minimum(light, curved) - reaches[:15])
+    high = np.maximum(smooth, np.maximum(light, curved) + reaches[:15])
+    low[12:] = np.maximum(low[12:], 0.0)
     found = intervals_of(objective, best)
-    nodes, (first, second) = found[:12], found[12:14]
-    np.testing.assert_allclose([node.standard_error for node in nodes], errors[:12], rtol=1e-9)
-    np.testing.assert_allclose([node.value for node in nodes], smooth, rtol=1e-9)
-    np.testing.assert_allclose([node.low for node in nodes], low, rtol=1e-9)
-    np.testing.assert_allclose([node.high for node in nodes], high, rtol=1e-9)
+    tables, taus = (*found[:12], *found[14:17]), found[12:14]
+    assert [own.name for own in tables[12:]] == ["R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]"]
+    np.testing.assert_allclose([own.standard_error for own in tables], errors[:15], rtol=1e-9)
+    np.testing.assert_allclose([own.value for own in tables], smooth, rtol=1e-9)
+    # The mean of a curve is taken at many points.
+    for of, rtol in ((slice(12), 1e-9), (slice(12, 15), 1e-6)):
+        np.testing.assert_allclose([own.low for own in tables[of]], low[of], rtol=rtol)
+        np.testing.assert_allclose([own.high for own in tables[of]], high[of], rtol=rtol)
     # Intervals of time constants are those of their logarithms.
-    for tau, reach, error in zip((first, second), reaches[12:], errors[12:], strict=True):
+    for tau, reach, error in zip(taus, reaches[15:], errors[15:], strict=True):
         ends = tau.value * np.exp([-reach, reach])
         np.testing.assert_allclose([tau.low, tau.high], ends, rtol=1e-9)
         assert tau.standard_error == pytest.approx(tau.value * error, rel=1e-9)

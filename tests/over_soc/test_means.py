@@ -1,4 +1,4 @@
-"""The mean of a table over SOC and its interval: by dense algebra, by coverage, and at a bound."""
+"""The mean of a table over SOC and its interval: by its weights, by coverage, and at a bound."""
 
 import math
 from dataclasses import replace
@@ -11,24 +11,19 @@ from hypothesis import strategies as st
 from barnax.execution import in_float64
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
-from barnax.over_soc.intervals import LIGHT, intervals_of
-from barnax.over_soc.node_interval import curves_of, node_weights
+from barnax.over_soc.intervals import intervals_of
+from barnax.over_soc.node_interval import node_weights
 from barnax.over_soc.problem import reduced_objective
 from barnax.records.lag import aligned
 from helpers.dense import (
     BOX,
     CAPACITY_AH,
     LOG_SCALES,
-    NODES,
     SETTINGS,
     TAU_S,
     columns_of,
-    fitted_tables,
-    made_record,
-    penalty_of,
     prepared_of,
     reaches_of,
-    slopes_of,
 )
 from helpers.known_cell import cell_with_branches, ocv_v
 from helpers.problems import drive_a
@@ -36,8 +31,6 @@ from helpers.reference import banded_response, drop_v, make_record
 
 NAMES = ("R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]")
 HELD = {name: (tau_s, tau_s) for name, tau_s in zip(BOX, TAU_S, strict=True)}
-# Of lines between the nodes, by trapezoids: half an interval of each end's.
-TRAPEZOIDS = np.array([1, 2, 2, 1]) / 6
 
 
 @given(
@@ -61,42 +54,6 @@ def test_a_gap_that_no_sample_visits_is_not_averaged_over():
     np.testing.assert_allclose(weights, [0.25, 0.25, 0.0, 0.25, 0.25])
     alone = node_weights(np.array([0.05, 0.2, 0.4]), np.array([True, True, False]))
     np.testing.assert_allclose(alone, [1 / 3, 2 / 3, 0.0])
-
-
-@in_float64
-def test_a_mean_s_interval_is_students_t_times_the_root_of_the_sandwich_of_its_weights():
-    prepared = prepared_of(made_record())
-    objective = reduced_objective([prepared], SETTINGS, BOX)
-    best = objective.solve(LOG_SCALES, exact=True)
-    columns, base = columns_of(prepared)
-    smooth = fitted_tables(columns, penalty_of(), base)
-    light = fitted_tables(columns, penalty_of(LIGHT), base)
-    jacobian = np.hstack([columns, slopes_of(prepared, light)])
-    penalty = np.pad(penalty_of(LIGHT), ((0, 0), (0, 2)))
-    weights = np.zeros((3, 14))
-    for table in range(3):
-        weights[table, 4 * table : 4 * table + 4] = TRAPEZOIDS
-    error = base + columns @ light
-    errors, reaches = reaches_of(weights, jacobian, penalty, error, prepared.time_s)
-    curves = [*curves_of(objective, best)]
-    left = sum(
-        columns[:, objective.block(table)].sum(axis=1) * curve.above_lines(prepared.soc)
-        for table, curve in enumerate(curves)
-    )
-    normal = jacobian.T @ jacobian / len(base) + penalty.T @ penalty
-    moved = weights @ np.linalg.solve(normal, jacobian.T @ left / len(base))
-    soc = NODES[0] + (NODES[-1] - NODES[0]) * (np.arange(3000) + 0.5) / 3000
-    above = np.array([np.mean(curve.above_lines(soc)) for curve in curves])
-    smooth, light = weights[:, :12] @ smooth, weights[:, :12] @ light
-    means = [own for own in intervals_of(objective, best) if own.name in NAMES and own.soc is None]
-    assert [mean.name for mean in means] == list(NAMES)
-    np.testing.assert_allclose([mean.value for mean in means], smooth, rtol=1e-9)
-    np.testing.assert_allclose([mean.standard_error for mean in means], errors, rtol=1e-9)
-    curved = light + above - moved
-    low = np.minimum(smooth, np.minimum(light, curved) - reaches)
-    high = np.maximum(smooth, np.maximum(light, curved) + reaches)
-    np.testing.assert_allclose([mean.low for mean in means], np.maximum(low, 0.0), rtol=1e-6)
-    np.testing.assert_allclose([mean.high for mean in means], high, rtol=1e-6)
 
 
 def simulated(seed, r_ohm, tau_s=TAU_S, noise_v=1e-3, samples=240):

@@ -14,9 +14,9 @@ from barnax.experiment.protocol import hppc_steps, sampled
 from barnax.model.prepared import PreparedRecord, Window, prepare_record
 from barnax.model.reference import simulate_circuit
 from barnax.over_soc.fit import TableFit, fit_tables, pooled_errors
-from barnax.over_soc.own_ocv import prove_own
-from barnax.over_soc.own_starts import OwnRecords
+from barnax.over_soc.fitted_ocv import prove_with_ocv
 from barnax.over_soc.problem import find_best, reduced_objective
+from barnax.over_soc.starts import UntestedRecords
 from barnax.records import Decision, Record, read_record
 from barnax.reporting.design import reached_half
 from barnax.search.evaluate import evaluate
@@ -119,11 +119,11 @@ def with_ocv(cell: CellModel, *records: Record) -> TableFit:
 
 def without_ocv(record: Record, capacity_ah: float, drive: Record) -> float:
     """The RMSE in V on the drive of tables and OCV of a record alone."""
-    alone = OwnRecords.of([record], {record.name: WINDOW}, SETTINGS, capacity_ah)
+    alone = UntestedRecords.of([record], {record.name: WINDOW}, SETTINGS, capacity_ah)
     starts = alone.starts("so-rc")
     prepared = alone.prepared("so-rc", starts.windows)
     objective = reduced_objective(prepared, alone.settings_of("so-rc"))
-    own = prove_own(alone, objective, find_best(objective), starts)
+    own = prove_with_ocv(alone, objective, find_best(objective), starts)
     return pooled_errors([prepared_for(drive, own.cell, "so-rc")], own.fit.tables).rmse_v
 
 

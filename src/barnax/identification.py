@@ -20,7 +20,7 @@ from .notices import Notice
 from .over_soc.certificate import certify
 from .over_soc.fit import fit_of, with_level_ends
 from .over_soc.fits import R0, TableFits
-from .over_soc.own_ocv import compare_with_own
+from .over_soc.fitted_ocv import compare_ocv
 from .over_soc.temperature import fit_temperatures, group_by_temperature
 from .pulses import pulses_of
 from .records.lag import answers_ohm, late_r0_ohm
@@ -197,7 +197,7 @@ def _fitted(setup: Setup) -> TableFits:
         objective = setup.chosen.objective
         records = objective.prepared_records
         fit = fit_of(objective, certify(objective, setup.chosen.best))
-        own = compare_with_own(records, fit, objective.settings)
+        own = compare_ocv(records, fit, objective.settings)
         fits = TableFits((replace(fit, own_ocv=own),), settings=setup.tables)
     groups = [records]
     if fits.over_temperature is not None:

@@ -141,7 +141,7 @@ def errors_of(result: Result) -> ErrorModel:
         values = [interval.value for interval in determined]
         step_v = np.median(np.abs(np.diff(values, prepend=values[:1])))
         bias_v = np.hypot(bias_v, step_v * np.sqrt(np.abs(behind)))
-    is_turned = tables is None or fit.tables.gamma is None or fit.is_rate_told
+    is_turned = tables is None or fit.tables.gamma is None or fit.determines_rate
     share = HYSTERESIS if is_turned else UNTURNED
     half_v = result.cell_at().branch_gap_v(np.clip(GRID, 0.0, 1.0)) / 2
     return ErrorModel(

@@ -23,11 +23,11 @@ from .model.search_space import Range, ranges_of
 from .model.window import Window
 from .notices import Notice
 from .over_soc.fits import TableFits
-from .over_soc.own_ocv import OwnOcv, fit_own_temperatures, prove_own
-from .over_soc.own_starts import OwnRecords, Starts
+from .over_soc.fitted_ocv import FittedOcv, fit_temperatures_with_ocv, prove_with_ocv
 from .over_soc.problem import find_best, reduced_objective
 from .over_soc.registration import ROUNDS, SETTLED, with_start
 from .over_soc.settings import TableSettings
+from .over_soc.starts import Starts, UntestedRecords
 from .records import Record
 from .select.choose import Choice, Fitted, Tried, choose
 from .select.family import limits_of
@@ -41,7 +41,7 @@ CONSTANT = "so-rc"
 LEAST_DOUBT_V = 0.002
 
 
-def settled(problem: Problem, fitted: OwnOcv | None = None) -> Problem:
+def settled(problem: Problem, fitted: FittedOcv | None = None) -> Problem:
     """The problem with the OCV at rest where sweeps measured it under load, and the directions
     before the start and the sampling of the current that the voltage shows."""
     problem = without_sweep_drop(problem)
@@ -94,7 +94,7 @@ def problem_of(
     """The problem of a circuit, by default of the first that is tried, with `usual` bounds where
     none are given; compressed where the box allows it unless the objective is chosen."""
     if circuit is None:
-        fitted: OwnOcv | None = inputs.fitted_ocv
+        fitted: FittedOcv | None = inputs.fitted_ocv
         start = limits_of(inputs.cell, TableSettings()).start.replace("1rc", CONSTANT)
         circuit = fitted.circuit if fitted else job.model or start
     source, ranges = ranges_of(job.bounds)
@@ -168,7 +168,7 @@ def set_up(first: Problem, inputs: Inputs, windows: Mapping[str, Window], job: J
     # A validation record that does not fit its window is refused before the search, not after.
     _ = validation(first.circuit)
     if own is not None:
-        return Setup(first, validation, own.found.settings, tried=own.tried, fits=own.found)
+        return Setup(first, validation, own.fits.settings, tried=own.tried, fits=own.fits)
     if job.over == OVER_TEMPERATURE:
         return Setup(first, validation, tables, over_temperature=True)
     if asks_for_constant(job):
@@ -219,7 +219,7 @@ def bounded_tables(job: Job, but: str | None = None) -> TableSettings:
 
 
 @in_float64
-def own_ocv_of(job: Job, records: Sequence[Record]) -> OwnOcv:
+def own_ocv_of(job: Job, records: Sequence[Record]) -> FittedOcv:
     """The cell of records that have no OCV test, with their tables, or one value at every SOC.
 
     Raises `InputError` where what is asked for needs a test.
@@ -234,9 +234,9 @@ def own_ocv_of(job: Job, records: Sequence[Record]) -> OwnOcv:
             raise Notice("ocv-test.missing", {"asked": what}).error()
     windows = {record.name: window_of(job.window, record.name).unregistered for record in records}
     tables = bounded_tables(job)
-    own = OwnRecords.of(records, windows, tables, job.capacity)
+    own = UntestedRecords.of(records, windows, tables, job.capacity)
     if job.over == OVER_TEMPERATURE:
-        return fit_own_temperatures(own, job.model or "so-rc")
+        return fit_temperatures_with_ocv(own, job.model or "so-rc")
     over_soc = None if job.model is None and job.over is None else job.over is not None
     limits = limits_of(own.level, tables, job.model, over_soc, has_ocv=True)
     starts: dict[str, Starts] = {}
@@ -255,7 +255,7 @@ def own_ocv_of(job: Job, records: Sequence[Record]) -> OwnOcv:
     # The starts of circuits with such a hysteresis are those of one of them.
     alike = (known for known in starts if get_circuit(known).has_rate == point.has_rate)
     begun = starts[point.circuit if point.circuit in starts else next(alike)]
-    proved = prove_own(own, chosen.objective, chosen.best, begun)
+    proved = prove_with_ocv(own, chosen.objective, chosen.best, begun)
     warnings = (*proved.warnings, *_left_out(choice))
     return replace(proved, tried=choice.tried, warnings=warnings)
 

@@ -3,10 +3,10 @@
 from collections.abc import Mapping, Sequence
 
 from barnax.model.window import Window
-from barnax.over_soc.own_ocv import OwnOcv, prove_own
-from barnax.over_soc.own_starts import OwnRecords
+from barnax.over_soc.fitted_ocv import FittedOcv, prove_with_ocv
 from barnax.over_soc.problem import find_best, reduced_objective
 from barnax.over_soc.settings import TableSettings
+from barnax.over_soc.starts import UntestedRecords
 from barnax.records import Record
 
 
@@ -15,11 +15,11 @@ def fit_with_ocv(
     circuit: str,
     windows: Mapping[str, Window],
     settings: TableSettings,
-) -> OwnOcv:
+) -> FittedOcv:
     """The tables and the OCV that fit some records of one cell best, together, as a run has them
     for a circuit that is asked for."""
-    own = OwnRecords.of(records, windows, settings)
+    own = UntestedRecords.of(records, windows, settings)
     starts = own.starts(circuit)
     prepared = own.prepared(circuit, starts.windows)
     objective = reduced_objective(prepared, own.settings_of(circuit))
-    return prove_own(own, objective, find_best(objective), starts)
+    return prove_with_ocv(own, objective, find_best(objective), starts)

@@ -23,7 +23,7 @@ from ..model.prepared import PreparedRecord
 from ..model.sampling import least_r0_share
 from ..over_soc.fit import TableFit
 from ..over_soc.intervals import MAX_SLOTS, UNSEEN
-from ..over_soc.level import with_own_ocv
+from ..over_soc.level import with_fitted_ocv
 from ..over_soc.settings import TableSettings
 from ..records import read_record
 from ..results import Result
@@ -172,7 +172,7 @@ def believed_of_chemistry(chemistry: str, capacity_ah: float) -> Believed:
         tables=CircuitParameters.over_soc(NODES, TYPICAL_TAU_S, r0, tuple(r)),
         worst=np.full(len(NODES), UNKNOWN),
         error=typical_error(TYPICAL_V),
-        settings=with_own_ocv(TableSettings()),
+        settings=with_fitted_ocv(TableSettings()),
         ocv_reach_v=UNKNOWN_OCV_V[chemistry],
         typical=chemistry,
     )
@@ -230,7 +230,7 @@ def believed_of_result(result: Result, temperature_degc: float | None = None) ->
             tables=CircuitParameters.over_soc(NODES, circuit.tau_s, r0_ohm, r_ohm),
             worst=np.full(len(NODES), UNKNOWN),
             error=typical_error(rmse_v),
-            settings=with_own_ocv(TableSettings()) if cell.is_of_records else TableSettings(),
+            settings=with_fitted_ocv(TableSettings()) if cell.is_of_records else TableSettings(),
             ocv_reach_v=LEAST_OCV_V,
         )
     believed = counting(believed, earlier)
@@ -292,7 +292,7 @@ def believed_of_fit(
         tables=replace(tables, scales=fit.tables.named_tau_s, dependence=None),
         worst=_worst(fit, fit.tables.nodes),
         error=typical_error(rmse_v),
-        settings=with_own_ocv(settings) if cell.is_of_records else settings,
+        settings=with_fitted_ocv(settings) if cell.is_of_records else settings,
         half_widths=half_widths,
         printed=printed,
         follows=followed(fit.tables.dependence),

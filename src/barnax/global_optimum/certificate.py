@@ -87,8 +87,8 @@ def _bound(
     columns = [np.broadcast_to(objective.current, base.shape), *answers]
     normal, gradient = normal_equations(columns, base)
 
-    found = least_in_boxes(normal, gradient, *box)
-    errors_v = errors_of(columns, base, found)
+    resistances = least_in_boxes(normal, gradient, *box)
+    errors_v = errors_of(columns, base, resistances)
     at_middle_v = np.linalg.norm(errors_v, axis=1)
     bounds_v, loss = _dual(errors_v, base, columns[0], sides, allowed)
     better = None

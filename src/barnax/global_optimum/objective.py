@@ -118,14 +118,14 @@ class LinearObjective(abc.ABC):
         """The least J at many scales: of a constant circuit all at once, of tables, whose problems
         are large, each from the active set of the one before."""
         if len(self.penalty_normal) > self.tables:
-            found, sides = np.empty(log_scales.shape[1]), None
-            for place, scales in enumerate(log_scales.T.tolist()):
+            objectives_v2, sides = np.empty(log_scales.shape[1]), None
+            for index, scales in enumerate(log_scales.T.tolist()):
                 solution = self.solve(tuple(scales), sides)
-                found[place], sides = solution.objective_v2, solution.sides
-            return found
+                objectives_v2[index], sides = solution.objective_v2, solution.sides
+            return objectives_v2
         blocks, base = dict(self.fixed_columns), self.base
-        for axis, own in zip(self.axes, log_scales, strict=True):
-            places, at = np.unique(own, return_inverse=True)
+        for axis, where in zip(self.axes, log_scales, strict=True):
+            places, at = np.unique(where, return_inverse=True)
             answers = axis.columns(places)[at]
             if axis.table is None:
                 base = base + answers[:, :, 0]
@@ -140,13 +140,13 @@ class LinearObjective(abc.ABC):
         error = errors_of(columns, base, x)
         return np.sum(error**2, axis=1) + np.sum((self.penalty @ x) ** 2, axis=0)
 
-    def slope(self, found: Solution) -> Float[np.ndarray, "axes"]:
+    def slope(self, best: Solution) -> Float[np.ndarray, "axes"]:
         """The derivative of the least J by the scales: that at fixed unknowns, which are best."""
         slopes = [
-            axis.slopes_at(where) @ (np.ones(1) if axis.table is None else found.values[axis.table])
-            for axis, where in zip(self.axes, found.log_scales, strict=True)
+            axis.slopes_at(where) @ (np.ones(1) if axis.table is None else best.values[axis.table])
+            for axis, where in zip(self.axes, best.log_scales, strict=True)
         ]
-        return np.array([2 * float(found.error @ slope) for slope in slopes])
+        return np.array([2 * float(best.error @ slope) for slope in slopes])
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,8 +213,8 @@ class ConstantObjective(LinearObjective):
         if axes == self.axes:
             # A capacitance bounds its resistance, beside the time constants that it had.
             others = {name, names_beside(name).tau} if name.startswith("C") else {name}
-            ranges = {own: ends for own, ends in bounds.ranges.items() if own not in others}
-            fixed = {own: held for own, held in bounds.fixed.items() if own not in others}
+            ranges = {each: ends for each, ends in bounds.ranges.items() if each not in others}
+            fixed = {each: held for each, held in bounds.fixed.items() if each not in others}
             bounds = replace(bounds, ranges=ranges, fixed={**fixed, name: value})
         return replace(self, axes=axes, bounds=bounds, interchangeable=0)
 
@@ -233,33 +233,33 @@ class ConstantObjective(LinearObjective):
     def values_of(self, x: Float[np.ndarray, "unknowns"]) -> tuple[Float[np.ndarray, "1"], ...]:
         return tuple(x[:, None])
 
-    def slope(self, found: Solution) -> Float[np.ndarray, "axes"]:
+    def slope(self, best: Solution) -> Float[np.ndarray, "axes"]:
         """The derivative of the least J by the scales: that at fixed resistances, and where one is
         at a bound in F, what that bound moves."""
-        slopes = super().slope(found)
-        for place in np.flatnonzero(found.sides[1:]).tolist():
+        slopes = super().slope(best)
+        for index in np.flatnonzero(best.sides[1:]).tolist():
             ends = []
             for moved in (MOVED, -MOVED):
-                at = np.array(found.log_scales)[:, None]
-                at[place] += moved
+                at = np.array(best.log_scales)[:, None]
+                at[index] += moved
                 low, high = self.box_at(at)
-                ends.append((low if found.sides[place + 1] < 0 else high)[place + 1, 0])
-            pull = found.error @ self.axes[place].columns_at(found.log_scales[place])[:, 0]
-            slopes[place] += 2 * pull * (ends[0] - ends[1]) / (2 * MOVED)
+                ends.append((low if best.sides[index + 1] < 0 else high)[index + 1, 0])
+            pull = best.error @ self.axes[index].columns_at(best.log_scales[index])[:, 0]
+            slopes[index] += 2 * pull * (ends[0] - ends[1]) / (2 * MOVED)
         return slopes
 
-    def is_flat(self, found: Solution) -> bool:
+    def is_flat(self, best: Solution) -> bool:
         """True at the end of a descent: no slope of account but into an end of an axis."""
-        slopes = self.slope(found)
+        slopes = self.slope(best)
         into = [
             (scale <= axis.low and slope > 0) or (scale >= axis.high and slope < 0)
-            for axis, scale, slope in zip(self.axes, found.log_scales, slopes, strict=True)
+            for axis, scale, slope in zip(self.axes, best.log_scales, slopes, strict=True)
         ]
-        return bool(np.all(into | (np.abs(slopes) <= FLAT * found.objective_v2)))
+        return bool(np.all(into | (np.abs(slopes) <= FLAT * best.objective_v2)))
 
-    def circuit(self, found: Solution) -> CircuitParameters:
+    def circuit(self, best: Solution) -> CircuitParameters:
         """The circuit of a solution."""
-        (r0, *r), scales = found.unknowns.tolist(), np.exp(found.log_scales).tolist()
+        (r0, *r), scales = best.unknowns.tolist(), np.exp(best.log_scales).tolist()
         pairs = self.bounds.pairs
         rate = scales[pairs] if len(scales) > pairs else None
         return CircuitParameters.of_tau(r0, r, scales[:pairs], rate, self.bounds.elements)

@@ -66,11 +66,11 @@ def prove(
 
     slack_v, enough_v = wanted()
     while True:
-        found_v, axes, best_v = bound(taken, enough_v)
+        lower_v, axes, best_v = bound(taken, enough_v)
         seen += len(taken)
         slack_v, enough_v = wanted()
         # What holds for a box holds for its halves.
-        bounds_v = np.concatenate([bounds_v, np.maximum(found_v, parents_v)])
+        bounds_v = np.concatenate([bounds_v, np.maximum(lower_v, parents_v)])
         order = np.argsort(bounds_v, kind="stable")
         boxes, split = np.concatenate([boxes, taken])[order], np.concatenate([split, axes])[order]
         bounds_v = bounds_v[order]
@@ -156,7 +156,7 @@ def remainders(
 
     largest_a, _ = _largest_and_rms(prepared_records, shares_of_current)
     rms_a = np.minimum(largest_a, earlier_rms(prepared_records, shares_of_current))
-    found = []
+    of_axes = []
     for axis in axes:
         largest, rms = largest_a, rms_a
         if axis.sign < 0:
@@ -169,8 +169,8 @@ def remainders(
 
             # What moves the hysteresis is at most 2, from one direction to the other.
             largest, rms = (2 * bound for bound in _largest_and_rms(prepared_records, amplitude))
-        found.append(np.array([THIRD_DERIVATIVE * rms, axis.span.error * largest]))
-    return found
+        of_axes.append(np.array([THIRD_DERIVATIVE * rms, axis.span.error * largest]))
+    return of_axes
 
 
 def _largest_and_rms(

@@ -197,23 +197,23 @@ def without_sweep_drop(problem: Problem) -> Problem:
     What a sweep lost is told by the circuit that fits best the records nearest to its temperature.
     Where the box is too wide to look for that, the sweeps stay as they are.
     """
-    known = (problem.cell, *problem.cell.elsewhere)
-    found = problem
-    is_told = problem.is_compressible and any(cell.has_sweep_drop for cell in known)
-    for _ in range(DROP_ROUNDS if is_told else 0):
+    cells = (problem.cell, *problem.cell.elsewhere)
+    improved = problem
+    has_drop = problem.is_compressible and any(cell.has_sweep_drop for cell in cells)
+    for _ in range(DROP_ROUNDS if has_drop else 0):
         at_rest = [
-            without_drop(cell, _slow_resistance_ohm(found, cell.temperature_degc))
+            without_drop(cell, _slow_resistance_ohm(improved, cell.temperature_degc))
             if cell.has_sweep_drop
             else cell
-            for cell in known
+            for cell in cells
         ]
         cell = replace(at_rest[0], elsewhere=tuple(at_rest[1:]))
         records = tuple(
             prepare_record(prepared.record, cell, prepared.circuit, prepared.window)
             for prepared in problem.prepared_records
         )
-        found = replace(problem, cell=cell, prepared_records=records)
-    return found
+        improved = replace(problem, cell=cell, prepared_records=records)
+    return improved
 
 
 def _slow_resistance_ohm(problem: Problem, temperature_degc: float | None) -> float:
@@ -226,9 +226,9 @@ def _slow_resistance_ohm(problem: Problem, temperature_degc: float | None) -> fl
         records = tuple(itertools.compress(records, is_near))
     objective = ConstantObjective.of(replace(problem, prepared_records=records))
     best, *_ = lowest_scales(objective, GRID, apart=False, factor=1.0)
-    found = objective.circuit(objective.solve(best))
-    shown = -np.expm1(-DROP_S / np.array(found.tau_s))
-    return found.r0 + float(shown @ found.r)
+    circuit = objective.circuit(objective.solve(best))
+    shown = -np.expm1(-DROP_S / np.array(circuit.tau_s))
+    return circuit.r0 + float(shown @ circuit.r)
 
 
 # A direction is the better one where it lowers the RMSE by more than this.
@@ -237,19 +237,19 @@ SAME_FIT = 1e-6
 
 def with_better_directions(problem: Problem) -> Problem:
     """The problem with each open direction before the start as fits better, record by record."""
-    for place, prepared in enumerate(problem.prepared_records):
+    for index, prepared in enumerate(problem.prepared_records):
         records = list(problem.prepared_records)
-        records[place], other = both_directions(prepared)
+        records[index], other = both_directions(prepared)
         best = problem
         if other is not None and problem.is_compressible:
-            others = (*records[:place], other, *records[place + 1 :])
+            others = (*records[:index], other, *records[index + 1 :])
             tried = replace(problem, prepared_records=others)
-            own_v, other_v = (
+            before_v, other_v = (
                 find_global_optimum(directed, prove=False).rmse_v for directed in (problem, tried)
             )
-            is_better = other_v < own_v * (1 - SAME_FIT)
-            best, rest_v = (tried, own_v) if is_better else (problem, other_v)
-            records[place] = best.prepared_records[place].fitting_better(rest_v)
+            is_better = other_v < before_v * (1 - SAME_FIT)
+            best, rest_v = (tried, before_v) if is_better else (problem, other_v)
+            records[index] = best.prepared_records[index].fitting_better(rest_v)
         problem = best.keeping_computed(prepared_records=tuple(records))
     return problem
 
@@ -262,7 +262,7 @@ PARTS, FAR, SHARP = 24, 0.05, 4.0
 EVEN, SHORT_S = 0.01, 1.5
 
 
-def hold_warning(problem: Problem, own_ohm: float, other_ohm: float) -> Notice:
+def hold_warning(problem: Problem, r0_ohm: float, other_ohm: float) -> Notice:
     """The notice that the other sampling would give an R0 outside the interval."""
     records = [
         prepared.record
@@ -274,7 +274,7 @@ def hold_warning(problem: Problem, own_ohm: float, other_ohm: float) -> Notice:
         {
             "counters": None if any(record.charge_ah is None for record in records) else "there",
             "circuit": problem.circuit,
-            "own_ohm": own_ohm,
+            "own_ohm": r0_ohm,
             "other_ohm": other_ohm,
             "hold": other_sampling(records[0].hold.value),
         },
@@ -292,8 +292,8 @@ def with_better_hold(problem: Problem) -> Problem:
     """
     records = problem.prepared_records
     is_open = [prepared.record.hold.strength == "assumed" for prepared in records]
-    has_rate, is_own = get_circuit(problem.circuit).has_rate, problem.cell.is_of_records
-    if has_rate or not any(is_open) or not any(_can_tell(each, is_own) for each in records):
+    has_rate, is_fitted = get_circuit(problem.circuit).has_rate, problem.cell.is_of_records
+    if has_rate or not any(is_open) or not any(_can_tell(each, is_fitted) for each in records):
         return problem
     reason = "the voltage follows it far better than the other"
     assumed = records[is_open.index(True)].record.hold
@@ -306,8 +306,8 @@ def with_better_hold(problem: Problem) -> Problem:
     if len(others) < len(records) or not problem.is_compressible:
         return problem
     other = replace(problem, prepared_records=others)
-    own_v, other_v = map(_moved_errors_v, (problem, other))
-    pairs = zip(own_v, other_v, is_open, strict=True)
+    before_v, other_v = map(_moved_errors_v, (problem, other))
+    pairs = zip(before_v, other_v, is_open, strict=True)
     ratios = np.concatenate([_log_ratios(mine, others) for mine, others, one in pairs if one])
     mean, spread = np.mean(ratios), np.std(ratios, ddof=1) / np.sqrt(len(ratios))
     if not abs(mean) > max(FAR, SHARP * spread):
@@ -329,21 +329,21 @@ def _moved_errors_v(problem: Problem) -> list[np.ndarray]:
     return [np.diff(one.error_v[one.prepared.scored]) for one in errors]
 
 
-def _can_tell(prepared: PreparedRecord, is_own_ocv: bool) -> bool:
+def _can_tell(prepared: PreparedRecord, ocv_is_fitted: bool) -> bool:
     """True where the voltage may tell the hold: one that lags speaks for one of them."""
     interval_s, usual_s = prepared.record.interval_s, prepared.median_interval_s
     is_even = np.quantile(np.abs(interval_s - usual_s), 0.99) <= EVEN * usual_s
-    has_slope = usual_s > SHORT_S and not is_own_ocv
+    has_slope = usual_s > SHORT_S and not ocv_is_fitted
     return has_slope or not is_even or late_r0_ohm(answers_ohm(prepared.record)) is not None
 
 
-def _log_ratios(own_v: np.ndarray, other_v: np.ndarray) -> np.ndarray:
+def _log_ratios(one_v: np.ndarray, other_v: np.ndarray) -> np.ndarray:
     """The logarithm of the squared errors of one hold over the other's, in each part of a record.
 
     The errors are differences between samples: what is slow depends on the hold no more.
     """
-    count = min(len(own_v), len(other_v))
+    count = min(len(one_v), len(other_v))
     edges = np.linspace(0, count, min(PARTS, count) + 1).astype(int)[:-1]
-    own, other = (np.add.reduceat(error_v[:count] ** 2, edges) for error_v in (own_v, other_v))
+    one, other = (np.add.reduceat(error_v[:count] ** 2, edges) for error_v in (one_v, other_v))
     least = np.finfo(float).tiny
-    return np.log(np.maximum(own, least) / np.maximum(other, least))
+    return np.log(np.maximum(one, least) / np.maximum(other, least))

@@ -33,7 +33,7 @@ from ..records.record import is_long, runs
 from .nuisances import Estimated, Measured, estimate, of_starts
 from .objective import Solution, TableObjective
 from .problem import box_of, find_best, reduced_objective, solved_at
-from .registration import FROM_VOLTAGE, FULL_SD, REACH, REST_SD_V, told_within
+from .registration import FROM_VOLTAGE, FULL_SD, REACH, REST_SD_V, prior_sd
 from .settings import TableSettings
 
 Nuisance = Float[np.ndarray, "nuisances"]
@@ -96,7 +96,10 @@ def is_determined(name: str, value: Any, error: Any) -> Any:
 
 @in_float64
 def measure_ageing(
-    prepared_records: Sequence[PreparedRecord], settings: TableSettings, *, is_own: bool = False
+    prepared_records: Sequence[PreparedRecord],
+    settings: TableSettings,
+    *,
+    is_fitted: bool = False,
 ) -> dict[str, Aged]:
     """Capacity, start, OCV shift, and R0 and all resistances at `AT_SOC` of the capacity that is
     found, by name.
@@ -110,10 +113,10 @@ def measure_ageing(
     What the records do not determine says so, for others may help to; all of it is left out where
     no capacity fits them.
     """
-    told_records = [prepared.unregistered for prepared in prepared_records]
-    starts_sd = [*map(_start_sd, told_records)]
-    starts = [(prepared.start.soc, prepared.capacity_ah) for prepared in told_records]
-    records = _all_moved(told_records, starts)
+    given_records = [prepared.unregistered for prepared in prepared_records]
+    starts_sd = [*map(_start_sd, given_records)]
+    starts = [(prepared.start.soc, prepared.capacity_ah) for prepared in given_records]
+    records = _all_moved(given_records, starts)
     if records is None:
         return {}
     plain = replace(
@@ -122,20 +125,20 @@ def measure_ageing(
     # A slower pair than a correction of the OCV leaves imitates a capacity.
     ranges = box_of(records, plain)
     plain = replace(plain, ocv_correction=False)
-    told, count = np.array([prepared.start.soc for prepared in records]), len(records)
+    given_soc, count = np.array([prepared.start.soc for prepared in records]), len(records)
     # What was called full when the OCV was identified.
     axis_sd = FULL_SD if records[0].cell.is_of_records else HELD_SD
     steps = len(OCV_NODES) - 1
-    known = [*starts_sd, CAPACITY_SD, SHIFT_SD_V, axis_sd, *[OCV_SD_V] * len(OCV_NODES)]
-    priors = [np.array([*known, *[shape_v / np.sqrt(steps)] * steps]) for shape_v in SHAPES_V]
-    priors = [np.full_like(priors[0], HELD_SD)] if is_own else priors
+    sds = [*starts_sd, CAPACITY_SD, SHIFT_SD_V, axis_sd, *[OCV_SD_V] * len(OCV_NODES)]
+    priors = [np.array([*sds, *[shape_v / np.sqrt(steps)] * steps]) for shape_v in SHAPES_V]
+    priors = [np.full_like(priors[0], HELD_SD)] if is_fitted else priors
 
     def moved_to(now: Nuisance) -> list[PreparedRecord] | None:
-        share, starts = float(np.exp(now[count])), (told + now[:count]).tolist()
+        share, starts = float(np.exp(now[count])), (given_soc + now[:count]).tolist()
         capacities_ah = [share * prepared.capacity_ah for prepared in records]
         return _all_moved(records, zip(starts, capacities_ah, strict=True), now[count + 1 :])
 
-    shares = (1.0,) if is_own else SHARES
+    shares = (1.0,) if is_fitted else SHARES
     guesses = [np.where(np.arange(len(priors[0])) == count, np.log(share), 0.0) for share in shares]
     best_guess = _best_guess(guesses, moved_to, plain, ranges)
     if best_guess is None:
@@ -147,38 +150,38 @@ def measure_ageing(
     at_soc = hats(np.array([AT_SOC]), objective.nodes_of[0])[0]
     weights = np.stack([np.append(at_soc, np.zeros(objective.pairs * len(at_soc))),
                         np.tile(at_soc, 1 + objective.pairs)])  # fmt: skip
-    under, found, is_settled = [], None, False
+    under, averaged, is_settled = [], None, False
     for _ in range(ROUNDS):
-        rests = None if is_own else _rests(objective.prepared_records, now)
+        rests = None if is_fitted else _rests(objective.prepared_records, now)
         under = estimate(objective, best, _columns, now, priors, weights, rests)
-        found = _averaged(under)
-        step = np.clip(found.values[: now.size] - now, -LARGEST_STEP, LARGEST_STEP)
+        averaged = _averaged(under)
+        step = np.clip(averaged.values[: now.size] - now, -LARGEST_STEP, LARGEST_STEP)
         now = now + step
-        are_settled = np.abs(step) < SETTLED * found.errors[: now.size] + HELD_SD
+        are_settled = np.abs(step) < SETTLED * averaged.errors[: now.size] + HELD_SD
         # Steps of the OCV's shape, which nobody is told, go on longest.
         is_settled = bool(np.all(are_settled[: count + 2]))
         if np.all(are_settled):
             break
         lows, highs = np.log(np.array([*ranges.values()])).T
-        scales = np.clip(np.array(best.log_scales) + found.moved_scales, lows, highs)
+        scales = np.clip(np.array(best.log_scales) + averaged.moved_scales, lows, highs)
         moved = moved_to(now)
         if moved is None:
             return {}
         at = tuple(scales.tolist())
         objective, best = solved_at(moved, plain, objective.ranges, at, exact=True)
-    assert found is not None, "there is a round"
+    assert averaged is not None, "there is a round"
     is_visited = bool(np.any(objective.visited @ weights[0, : objective.nodes]))
-    every = dict(_told(found, under, records, told, is_visited, is_settled))
-    return {name: every[name] for name in (R0,) if name in every} if is_own else every
+    every = dict(_quantities(averaged, under, records, given_soc, is_visited, is_settled))
+    return {name: every[name] for name in (R0,) if name in every} if is_fitted else every
 
 
 def _averaged(under: Sequence[Estimated]) -> Estimated:
     """The estimates under changes of the OCV's shape of all sizes, by their probabilities."""
-    evidence = np.array([own.log_evidence for own in under])
+    evidence = np.array([each.log_evidence for each in under])
     evidence += np.log(SHAPE_ODDS[: len(under)])
     shares = softmax(evidence)
     names = ("values", "covariance", "moved_scales", "by_prior")
-    stacked = {name: np.stack([getattr(own, name) for own in under]) for name in names}
+    stacked = {name: np.stack([getattr(each, name) for each in under]) for name in names}
     mean = {name: np.tensordot(shares, values, 1) for name, values in stacked.items()}
     off = stacked["values"] - mean["values"]
     mean["covariance"] += np.einsum("s,si,sj->ij", shares, off, off)
@@ -200,14 +203,14 @@ def _best_guess(
     # A window in SOC ends elsewhere with another capacity.
     scored = []
     for alike in zip(*(records for _, records in moved), strict=True):
-        end = min(len(own.scored) for own in alike)
-        scored.append(np.all([own.scored[:end] for own in alike], axis=0))
+        end = min(len(record.scored) for record in alike)
+        scored.append(np.all([record.scored[:end] for record in alike], axis=0))
     tried = tuple(np.log(TRIED_S).tolist())
 
     def cost_v2(records: Sequence[PreparedRecord]) -> float:
         alike = [
-            replace(own, scored=np.pad(here, (0, len(own.scored) - len(here))))
-            for own, here in zip(records, scored, strict=True)
+            replace(record, scored=np.pad(here, (0, len(record.scored) - len(here))))
+            for record, here in zip(records, scored, strict=True)
         ]
         return solved_at(alike, settings, ranges, tried)[1].objective_v2
 
@@ -223,12 +226,12 @@ def _all_moved(
     hardly a sample where circuits follow."""
     moved = []
     for prepared, start in zip(records, starts, strict=True):
-        found = replace(prepared, circuit=CIRCUIT).registered(*start)
-        scored = None if found is None else found.scored & (found.soc >= EMPTY_SOC)
-        if found is None or scored is None or np.count_nonzero(scored) < FEWEST_SAMPLES:
+        shifted = replace(prepared, circuit=CIRCUIT).registered(*start)
+        scored = None if shifted is None else shifted.scored & (shifted.soc >= EMPTY_SOC)
+        if shifted is None or scored is None or np.count_nonzero(scored) < FEWEST_SAMPLES:
             return None
-        added_v = 0.0 if ocv_v is None else _ocv_columns(found, found.soc) @ ocv_v
-        moved.append(replace(found, scored=scored, source_v=found.source_v + added_v))
+        added_v = 0.0 if ocv_v is None else _ocv_columns(shifted, shifted.soc) @ ocv_v
+        moved.append(replace(shifted, scored=scored, source_v=shifted.source_v + added_v))
     return moved
 
 
@@ -278,12 +281,12 @@ def _rests(prepared_records: Sequence[PreparedRecord], now: Nuisance) -> Measure
     """The voltages of steep rests, None where there are none. All is as at the SOC that the voltage
     tells: a wrong capacity may have led to where the OCV is flat."""
     count, columns, errors_v, slopes = len(prepared_records), [], [], []
-    for place, prepared in enumerate(prepared_records):
+    for index, prepared in enumerate(prepared_records):
         for _, last, rested, slope in _steep_rests(prepared):
             soc, of_ocv = float(prepared.soc[last]), _ocv_columns(prepared, np.array([rested]))[0]
-            own = np.zeros(count + 1)
-            own[[place, count]] = slope, slope * (prepared.start.soc - soc)
-            columns.append([*own, *of_ocv])
+            of_start = np.zeros(count + 1)
+            of_start[[index, count]] = slope, slope * (prepared.start.soc - soc)
+            columns.append([*of_start, *of_ocv])
             errors_v.append(slope * (rested - soc) - of_ocv @ now[count + 1 :])
             slopes.append((slope, 0.0) if rested < 0.5 else (0.0, slope))
     if not columns:
@@ -303,50 +306,50 @@ def _start_sd(prepared: PreparedRecord) -> float:
         for begun, last, _, _ in _steep_rests(prepared)
     ):
         return UNTOLD_SD
-    return told_within(prepared, SHIFT_SD_V)[0]
+    return prior_sd(prepared, SHIFT_SD_V)[0]
 
 
 def _columns(
-    objective: TableObjective, found: Solution, place: int
+    objective: TableObjective, best: Solution, index: int
 ) -> Float[np.ndarray, "samples nuisances"]:
     """The columns of every record's start, of the logarithm of their capacity, and of the OCV."""
-    prepared = objective.prepared_records[place]
+    prepared = objective.prepared_records[index]
     soc = prepared.soc[prepared.scored]
-    columns = of_starts(objective, found, place, _slope(prepared, soc))
+    columns = of_starts(objective, best, index, _slope(prepared, soc))
     shared = columns[:, 1::2].sum(axis=1), _ocv_columns(prepared, soc)
     return np.column_stack([columns[:, 0::2], *shared])
 
 
-def _told(
-    found: Estimated,
+def _quantities(
+    averaged: Estimated,
     under: Sequence[Estimated],
     records: Sequence[PreparedRecord],
-    told: Nuisance,
+    given_soc: Nuisance,
     is_visited: bool,
     is_settled: bool,
 ) -> Iterator[tuple[str, Aged]]:
     """The quantities with intervals."""
     count, nominal_ah = len(records), records[0].capacity_ah
-    places = {"start SOC": 0, CAPACITY: count, SHIFT: count + 1}
-    places |= {R0: -2, R: -1} if is_visited else {}
-    log_evidence = tuple(own.log_evidence for own in under)
-    for name, place in places.items():
-        at_zero = told[0] if name == "start SOC" else 0.0
-        value, error, *by_ocv = _numbers(found, name, place, at_zero, nominal_ah)
-        by_shape = tuple(_numbers(own, name, place, at_zero, nominal_ah) for own in under)
-        told_so = by_shape, log_evidence, bool(is_determined(name, value, error)), is_settled
+    rows = {"start SOC": 0, CAPACITY: count, SHIFT: count + 1}
+    rows |= {R0: -2, R: -1} if is_visited else {}
+    log_evidence = tuple(estimated.log_evidence for estimated in under)
+    for name, row in rows.items():
+        at_zero = given_soc[0] if name == "start SOC" else 0.0
+        value, error, *by_ocv = _numbers(averaged, name, row, at_zero, nominal_ah)
+        by_shape = tuple(_numbers(estimated, name, row, at_zero, nominal_ah) for estimated in under)
+        common = by_shape, log_evidence, bool(is_determined(name, value, error)), is_settled
         ends = value - REACH * error, value + REACH * error
-        yield name, Aged(value, *ends, tuple(by_ocv), *told_so)
+        yield name, Aged(value, *ends, tuple(by_ocv), *common)
 
 
 def _numbers(
-    of: Estimated, name: str, place: int, at_zero: float, nominal_ah: float
+    of: Estimated, name: str, row: int, at_zero: float, nominal_ah: float
 ) -> tuple[float, ...]:
     """Value, standard error, and how far the value is off with the OCV of before."""
     # Its axis and its errors: changes of its shape are this age's own.
     steps = len(OCV_NODES) - 1
-    by_ocv = of.by_prior[place, -steps - len(OCV_NODES) - 1 : -steps]
-    value, numbers = at_zero + of.values[place], np.append(of.errors[place], by_ocv)
+    by_ocv = of.by_prior[row, -steps - len(OCV_NODES) - 1 : -steps]
+    value, numbers = at_zero + of.values[row], np.append(of.errors[row], by_ocv)
     if name == CAPACITY:
         value = nominal_ah * np.exp(value)
         numbers = numbers * value

@@ -76,18 +76,18 @@ def certify(objective: Any, best: Polished, alone_v: Sequence[float] = (0.0,)) -
         # A little more, or the sum would miss what is enough by its last bit.
         wanted, total = (1 + 1e-12) * enough, 0.0
         parts = zip(objective.parts_at(middle), relaxed, alone_v, strict=True)
-        for (weight, _, own), part, known_v in parts:
-            lowest_v2 = known_v**2
+        for (weight, _, solution), part, least_v in parts:
+            lowest_v2 = least_v**2
             if wanted < middle.objective_v2:
-                share = wanted * (own.objective_v2 / middle.objective_v2)
-                found = part.bound(box, own, best.objective_v2 / weight, share)
-                lowest_v2 = max(lowest_v2, found)
+                share = wanted * (solution.objective_v2 / middle.objective_v2)
+                bound_v2 = part.bound(box, solution, best.objective_v2 / weight, share)
+                lowest_v2 = max(lowest_v2, bound_v2)
             total += weight * lowest_v2
         if middle.rms_v < best.rms_v * (1 - BETTER):
             met = polish(objective, middle)
             exact = objective.solve(met.log_scales, met.sides, exact=True)
             # In order, pairs whose resistances have other bounds may fit less well.
-            best = min(best, exact, key=lambda found: found.objective_v2)
+            best = min(best, exact, key=lambda end: end.objective_v2)
         return math.sqrt(total)
 
     def kernel(boxes: Boxes, enough_v: float):
@@ -116,7 +116,7 @@ class _Side:
     @classmethod
     def of(cls, axis: Axis, ends: Range, middle: Solution, derivatives: np.ndarray, scale: float):
         half_width = (ends[1] - ends[0]) / 2
-        three = np.stack([axis.columns_at(place) for place in (ends[0], scale, ends[1])])
+        three = np.stack([axis.columns_at(at) for at in (ends[0], scale, ends[1])])
         tax = -2 * (middle.error @ axis.slopes_at(scale))
         return cls(axis, half_width, three, tax, beyond_parabola(derivatives, half_width))
 
@@ -238,9 +238,9 @@ class _Relaxation:
                 value += float(side.least(error, np.zeros(1))[0])
             else:
                 tax = side.tax * side.half_width
-                own = slope[objective.block(side.axis.table)]
-                own += side.least(error, tax) - sign * tax
-                lacking[number] = np.maximum(-own, 0.0)
+                of_table = slope[objective.block(side.axis.table)]
+                of_table += side.least(error, tax) - sign * tax
+                lacking[number] = np.maximum(-of_table, 0.0)
         low, high = limits
         return value + float(np.sum(np.minimum(low * slope, high * slope))), lacking
 

@@ -81,10 +81,10 @@ class CrossValidation:
         if not self.by_record:
             return self.tables
         # Each record counts alike.
-        above_v = [own.above_v for own in self.by_record if own.above_v is not None]
+        above_v = [each.above_v for each in self.by_record if each.above_v is not None]
         rmse_v, *above = (
             float(np.sqrt(np.mean(np.square(errors_v))))
-            for errors_v in ([own.rmse_v for own in self.by_record], above_v)
+            for errors_v in ([each.rmse_v for each in self.by_record], above_v)
             if errors_v
         )
         return SocErrors(rmse_v, above[0] if above else None)
@@ -166,9 +166,9 @@ def held_out(
             number, soc = block[here], prepared.soc[here]
             error_v = errors_v[number % folds, np.arange(len(number))]
             for band, low_soc in enumerate(BANDS):
-                own = (number >= 0) & (soc >= low_soc)
-                squares_v2[band] += np.bincount(number[own], error_v[own] ** 2, count)
-                counts[band] += np.bincount(number[own], minlength=count)
+                in_band = (number >= 0) & (soc >= low_soc)
+                squares_v2[band] += np.bincount(number[in_band], error_v[in_band] ** 2, count)
+                counts[band] += np.bincount(number[in_band], minlength=count)
     return HeldOut(squares_v2.T, counts.T)
 
 
@@ -188,7 +188,7 @@ def record_errors(objective: TableObjective, best: Solution) -> tuple[SocErrors,
 
 
 def _by_record(sums: "Sums") -> tuple[SocErrors, ...]:
-    return tuple(SocErrors.of_squares(*own) for own in zip(*sums, strict=True))
+    return tuple(SocErrors.of_squares(*record) for record in zip(*sums, strict=True))
 
 
 # Sums of squared errors in V^2 of every record below and above 10 % SOC, and how many there are.
@@ -214,9 +214,9 @@ class _Groups:
         unit = unit.coarser(layout.nodes, layout.has_correction)
         columns, base = replace(objective, reduced=unit).columns(best.log_scales)
         few = csr_array(np.column_stack([columns, base]).T)
-        found = [(few @ part.factor.T).T / math.sqrt(max(part.scored, 1)) for part in parts]
+        rows = [(few @ part.factor.T).T / math.sqrt(max(part.scored, 1)) for part in parts]
         scored = np.array([part.scored for part in parts])
-        return cls(objective, best, [f[:, :-1] for f in found], [f[:, -1] for f in found], scored)
+        return cls(objective, best, [f[:, :-1] for f in rows], [f[:, -1] for f in rows], scored)
 
     @property
     def record(self) -> Int[np.ndarray, "groups"]:
@@ -267,8 +267,8 @@ class _Groups:
         x = x.copy()
         x[ocv] = 0.0
         pushed = (gradient + normal @ x)[ocv]
-        own = normal[ocv, ocv], pushed, low[ocv], high[ocv], self.best.sides[ocv]
-        x[ocv] = least_in_box(*own)[0]
+        equations = normal[ocv, ocv], pushed, low[ocv], high[ocv], self.best.sides[ocv]
+        x[ocv] = least_in_box(*equations)[0]
         return x
 
     def held_out(self, labels: Int[np.ndarray, "groups"], has_ocv_of_all: bool = False) -> "Sums":
@@ -321,17 +321,17 @@ def with_spread(
         seen = weights * is_there
         shares = seen.sum(axis=1) / weights.sum()
         moved = np.sum(seen * (values - joint), axis=1)[shares > 0] / shares[shares > 0]
-        own = weights @ joint + moved
-        if len(own) < FEWEST_RECORDS:
+        separate = weights @ joint + moved
+        if len(separate) < FEWEST_RECORDS:
             return interval
-        reach = t_quantile(len(own) - 1) * np.std(own, ddof=1)
-        reach = float(reach * np.sqrt(1 + 1 / len(own)))
-        middle, least = float(np.mean(own)), 0.0 if interval.name.startswith("R") else -np.inf
+        reach = t_quantile(len(separate) - 1) * np.std(separate, ddof=1)
+        reach = float(reach * np.sqrt(1 + 1 / len(separate)))
+        middle, least = float(np.mean(separate)), 0.0 if interval.name.startswith("R") else -np.inf
         low, high = max(middle - reach, least), middle + reach
         if objective.is_kept:
             # Nothing else is known of the joint value than what the records make of it.
-            error = float(np.std(own, ddof=1)) / len(own) ** 0.5
-            both = reach / (len(own) + 1) ** 0.5
+            error = float(np.std(separate, ddof=1)) / len(separate) ** 0.5
+            both = reach / (len(separate) + 1) ** 0.5
             ends = float(max(interval.value - both, least)), float(interval.value + both)
             interval = replace(interval, standard_error=error, low=ends[0], high=ends[1])
         # What all records leave open, another one can show too.

@@ -62,7 +62,7 @@ def with_asked(objective: TableObjective, best: Solution) -> tuple[TableObjectiv
     asked = objective.settings.resistances_follow
     for what in asked.split(",") if asked not in ("auto", "none") else ():
         if (proposed := propose(objective, best, what, is_asked=True)) is not None:
-            records = [own.following(proposed[0]) for own in objective.prepared_records]
+            records = [record.following(proposed[0]) for record in objective.prepared_records]
             objective = reduced_objective(records, objective.settings, objective.ranges)
             best = find_best(objective)
     return objective, best
@@ -81,8 +81,8 @@ def propose(
     Raises `InputError` where a temperature is asked for and not measured.
     """
     records = objective.prepared_records
-    known = records[0].dependence
-    trials = [_joined(known, trial) for trial in _trials(records, what, is_asked)]
+    law = records[0].dependence
+    trials = [_joined(law, trial) for trial in _trials(records, what, is_asked)]
     if not trials:
         return None
     normal = _Normal.of(objective, best, trials)
@@ -90,8 +90,8 @@ def propose(
     others = [*range(scales + len(objective.numbers))]
     _, without = normal.step(at, others)
     promised = []
-    for place, trial in enumerate(trials):
-        step, gain = normal.step(at, [*others, len(others) + place])
+    for index, trial in enumerate(trials):
+        step, gain = normal.step(at, [*others, len(others) + index])
         if is_asked or (step[-1] > 0 and gain - without > 2 * PROMISING[what] * at.objective_v2):
             promised.append((gain - without, float(step[-1]), trial))
     if not promised:
@@ -106,26 +106,26 @@ def _trials(records: Sequence[PreparedRecord], what: str, is_asked: bool) -> lis
         largest_a = max(float(np.max(np.abs(prepared.current_a))) for prepared in records)
         return [Dependence(onset_a=largest_a)]
     if what == "direction":
-        is_told = _least_share(records) >= LEAST_SHARE
-        if is_asked and not is_told:
+        flows_both_ways = _least_share(records) >= LEAST_SHARE
+        if is_asked and not flows_both_ways:
             raise InputError(
                 f"{records[0].record.name}: hardly a current flows in one of the directions, which "
                 "tells no difference between them; leave 'direction' out of `resistances_follow`"
             )
-        ratios = (TRIED_RATIO, 1 / TRIED_RATIO) if is_told else ()
+        ratios = (TRIED_RATIO, 1 / TRIED_RATIO) if flows_both_ways else ()
         return [Dependence(charge_ratio=ratio) for ratio in ratios]
     if what == "heating":
-        found = []
+        trials = []
         for tau_s in HEATING_TAUS_S:
             heats_a2 = [
-                heat_of(own.record.time_s, own.record.interval_current_a, tau_s)[own.span]
-                for own in records
+                heat_of(one.record.time_s, one.record.interval_current_a, tau_s)[one.span]
+                for one in records
             ]
             heat_a2 = np.concatenate(heats_a2)
             kappa_per_a2 = TRIED_EXPONENT / max(float(np.max(heat_a2)), 1e-12)
             of_heat = {"heating_tau_s": tau_s, "reference_a2": float(np.mean(heat_a2))}
-            found.append(Dependence(kappa_per_a2=kappa_per_a2, **of_heat))
-        return found
+            trials.append(Dependence(kappa_per_a2=kappa_per_a2, **of_heat))
+        return trials
     for prepared in records if is_asked else ():
         if prepared.measured_degc is None:
             raise InputError(
@@ -135,7 +135,7 @@ def _trials(records: Sequence[PreparedRecord], what: str, is_asked: bool) -> lis
     if not is_asked and _spread_k(records) < LEAST_SPREAD_K:
         return []
     # That of the tables too, where they are of several temperatures.
-    degc = [own.temperature_degc for own in records if own.temperature_degc is not None]
+    degc = [one.temperature_degc for one in records if one.temperature_degc is not None]
     middle_degc = float(np.mean(degc))
     return [Dependence(beta_per_k=arrhenius_beta(middle_degc), reference_degc=middle_degc)]
 
@@ -149,17 +149,17 @@ def _least_share(records: Sequence[PreparedRecord]) -> float:
 
 def _spread_k(records: Sequence[PreparedRecord]) -> float:
     """How far the measured temperature moves within a record at most; zero if one has none."""
-    known = [own.measured_degc for own in records if own.measured_degc is not None]
-    return max(float(np.ptp(degc)) for degc in known) if len(known) == len(records) else 0.0
+    measured = [one.measured_degc for one in records if one.measured_degc is not None]
+    return max(float(np.ptp(degc)) for degc in measured) if len(measured) == len(records) else 0.0
 
 
-def _joined(known: Dependence | None, other: Dependence) -> Dependence:
+def _joined(law: Dependence | None, other: Dependence) -> Dependence:
     """The dependence on both."""
-    if known is None:
+    if law is None:
         return other
-    reference_degc = known.reference_degc if BETA in known.numbers else other.reference_degc
-    reference_a2 = known.reference_a2 or other.reference_a2
-    joined = other.with_numbers(known.numbers)
+    reference_degc = law.reference_degc if BETA in law.numbers else other.reference_degc
+    reference_a2 = law.reference_a2 or other.reference_a2
+    joined = other.with_numbers(law.numbers)
     return replace(joined, reference_degc=reference_degc, reference_a2=reference_a2)
 
 
@@ -183,32 +183,32 @@ def polished(
     low = np.array([*(axis.low for axis in axes), *np.negative(open_ended)])
     high = np.array([*(axis.high for axis in axes), *open_ended])
     scales = np.array([*start.log_scales, *map(math.log, first.numbers.values())])
-    known = [first.usual.get(name, Usual(0.0, 1.0, 0.0)) for name in names]
-    pull = np.array([*[0.0] * count, *(number.pull for number in known)])
-    usual = np.array([*start.log_scales, *(number.logarithm for number in known)])
-    best, best_v2, found, step = first, math.inf, start, np.zeros(len(scales))
+    priors = [first.usual.get(name, Usual(0.0, 1.0, 0.0)) for name in names]
+    pull = np.array([*[0.0] * count, *(number.pull for number in priors)])
+    usual = np.array([*start.log_scales, *(number.logarithm for number in priors)])
+    best, best_v2, solution, step = first, math.inf, start, np.zeros(len(scales))
     for _ in range(ROUNDS):
         tried = np.clip(scales + step, low, high)
         numbers = dict(zip(names, np.exp(tried[count:]).tolist(), strict=True))
-        own = first.with_numbers(numbers)
+        law = first.with_numbers(numbers)
         # Its factors are still without.
-        records = [prepared.following(own) for prepared in objective.prepared_records]
+        records = [prepared.following(law) for prepared in objective.prepared_records]
         here = replace(objective, prepared_records=records)
         log_scales = tuple(tried[:count].tolist())
-        normal = _Normal.of(here, replace(found, log_scales=log_scales))
-        now = normal.solved(log_scales, found.sides)
+        normal = _Normal.of(here, replace(solution, log_scales=log_scales))
+        now = normal.solved(log_scales, solution.sides)
         now_v2 = now.objective_v2 * math.exp(float(pull @ (tried - usual) ** 2))
         if now_v2 >= best_v2:
             step = BACK * step
             continue
         is_settled = best_v2 - now_v2 < SETTLED * now_v2
-        best, best_v2, found, scales = own, now_v2, now, tried
-        own_pull = now.objective_v2 * pull
-        step, gain = normal.step(now, range(len(scales)), own_pull, own_pull * (scales - usual))
+        best, best_v2, solution, scales = law, now_v2, now, tried
+        pull_v2 = now.objective_v2 * pull
+        step, gain = normal.step(now, range(len(scales)), pull_v2, pull_v2 * (scales - usual))
         step = np.clip(step, -FURTHEST, FURTHEST)
         if is_settled or gain < SETTLED * now_v2:
             break
-    return best, found.log_scales
+    return best, solution.log_scales
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,14 +223,14 @@ class _Normal:
 
     @classmethod
     def of(
-        cls, objective: TableObjective, found: Solution, trials: Sequence[Dependence] = ()
+        cls, objective: TableObjective, solution: Solution, trials: Sequence[Dependence] = ()
     ) -> "_Normal":
         products, samples = np.zeros(()), 0
         every = slice(None, None, 1 + objective.reduced.scored // ENOUGH)
-        tables = objective.tables_at(found)
+        tables = objective.tables_at(solution)
 
-        def differences(place: int) -> Float[np.ndarray, "scored trials"]:
-            prepared = objective.prepared_records[place]
+        def differences(index: int) -> Float[np.ndarray, "scored trials"]:
+            prepared = objective.prepared_records[index]
             without_v = errors_along(prepared, tables)
             moved = [
                 errors_along(prepared, replace(tables, dependence=trial)) - without_v
@@ -239,7 +239,7 @@ class _Normal:
             return np.stack(moved, axis=1)[prepared.scored]
 
         further = differences if trials else None
-        for columns, base, _ in linearized(objective, found, further=further):
+        for columns, base, _ in linearized(objective, solution, further=further):
             rows = np.column_stack([columns, base])[every]
             products = products + rows.T @ rows
             samples += len(rows)
@@ -248,9 +248,9 @@ class _Normal:
     def solved(self, log_scales: tuple[float, ...], sides: Int[np.ndarray, "_"]) -> Solution:
         """The best tables at these scales; their errors are not known."""
         objective, to_tables = self.objective, self.objective.to_tables
-        own = slice(len(to_tables))
-        normal = to_tables.T @ self.products[own, own] @ to_tables + objective.penalty_normal
-        gradient = to_tables.T @ self.products[own, -1]
+        block = slice(len(to_tables))
+        normal = to_tables.T @ self.products[block, block] @ to_tables + objective.penalty_normal
+        gradient = to_tables.T @ self.products[block, -1]
         x, sides = least_in_box(normal, gradient, *objective.box, sides)
         objective_v2 = float(self.products[-1, -1] + x @ (2 * gradient + normal @ x))
         values = objective.values_of(x)
@@ -272,9 +272,9 @@ class _Normal:
         chosen[:count, :free] = ways
         chosen[count + np.array(slopes, int), free + np.arange(len(slopes))] = 1.0
         values = np.concatenate(at.values)
-        known = with_penalty(self.objective, self.products[:-1, :-1], np.eye(len(chosen)))
-        error = known[:, :count] @ values + self.products[:-1, -1]
-        normal, slope = chosen.T @ known @ chosen, chosen.T @ error
+        stiff = with_penalty(self.objective, self.products[:-1, :-1], np.eye(len(chosen)))
+        error = stiff[:, :count] @ values + self.products[:-1, -1]
+        normal, slope = chosen.T @ stiff @ chosen, chosen.T @ error
         normal[np.arange(free, len(normal)), np.arange(free, len(normal))] += pull
         slope[free:] += pulled
         scale = np.sqrt(np.diag(normal))

@@ -107,18 +107,18 @@ class TableFit(Brief):
         return len(self.tables.nodes) > 1 or not (self.tables.is_constant or self.of_table(OCV))
 
     @property
-    def is_rate_told(self) -> bool:
+    def determines_rate(self) -> bool:
         """True where the records determine the rate of a hysteresis, with an interval."""
-        return any(own.name == RATE and own.low is not None for own in self.intervals)
+        return any(one.name == RATE and one.low is not None for one in self.intervals)
 
     def of_table(self, name: str) -> tuple[NodeInterval, ...]:
         """The intervals of one table, by rising SOC."""
-        return tuple(own for own in self.intervals if own.name == name and own.soc is not None)
+        return tuple(node for node in self.intervals if node.name == name and node.soc is not None)
 
     @cached_property
     def are_of_another_record(self) -> bool:
         """True where intervals say what another record of the cell would show."""
-        return any(own.record_low is not None for own in (*self.intervals, *self.means))
+        return any(one.record_low is not None for one in (*self.intervals, *self.means))
 
     @cached_property
     def facts(self) -> tuple[Fact, ...]:
@@ -127,7 +127,7 @@ class TableFit(Brief):
 
         The interval of a number over SOC is the one that every output shows: what another record of
         the cell would show, where the records tell it."""
-        intervals = {(own.name, own.soc): own for own in self.intervals}
+        intervals = {(one.name, one.soc): one for one in self.intervals}
         tables = self.tables
         visited = tables.visited or (True,) * len(tables.nodes)
         numbers = [
@@ -149,9 +149,9 @@ class TableFit(Brief):
         means = (self._fact(mean, is_mean=True) for mean in self.means)
         return (*facts, *means, *map(self._fact, self.of_table(OCV)))
 
-    def _fact(self, own: NodeInterval, **changed: Any) -> Fact:
-        is_over_soc = own.soc is not None or "is_mean" in changed
-        shown = own.on_another_record if self.are_of_another_record and is_over_soc else own
+    def _fact(self, interval: NodeInterval, **changed: Any) -> Fact:
+        is_over_soc = interval.soc is not None or "is_mean" in changed
+        shown = interval.on_another_record if self.are_of_another_record and is_over_soc else interval
         return Fact(**vars(shown) | changed)
 
 
@@ -192,15 +192,15 @@ def fit_of(
     are given."""
     settings, best = objective.settings, proof.best
     tables = objective.tables_at(best)
-    known = intervals_of(objective, best) if intervals is None else intervals
+    nodes = intervals_of(objective, best) if intervals is None else intervals
     if errors is None:
         judged = prepared_records or objective.prepared_records
         errors = tuple(pooled_errors([prepared], tables) for prepared in judged)
         untold = _untold(objective, errors)
-        known = [one.opened() if (one.name, one.soc) in untold else one for one in known]
-    intervals = with_spread(objective, best, known)
+        nodes = [one.opened() if (one.name, one.soc) in untold else one for one in nodes]
+    intervals = with_spread(objective, best, nodes)
     means = tuple(
-        own for own in intervals if own.soc is None and parts_of(own.name)[0] in tables.tables
+        one for one in intervals if one.soc is None and parts_of(one.name)[0] in tables.tables
     )
     at_nodes = intervals[: len(intervals) - len(means)]
     intervals = tuple(_as_stored(objective, tables, at_nodes))
@@ -238,17 +238,17 @@ def _untold(objective: TableObjective, errors: Sequence[SocErrors]) -> set[tuple
     """The nodes of a nearly empty cell, by table, at which nothing but smoothing and the circuit
     tells a value: of R0 those that no step of the current is near; of an OCV of the records' own
     those without a long rest, where no circuit follows the loads."""
-    found, telling = set(), {OHMIC: is_step}
-    if any(own.above_v and own.rmse_v > LEFT_BELOW * own.above_v for own in errors):
+    undetermined, telling = set(), {OHMIC: is_step}
+    if any(one.above_v and one.rmse_v > LEFT_BELOW * one.above_v for one in errors):
         telling[OCV] = is_at_ocv
     for name in telling.keys() & set(objective.names):
         nodes = objective.nodes_of[objective.names.index(name)]
-        is_told = is_above(nodes)
+        is_determined = is_above(nodes)
         for prepared in objective.prepared_records:
-            told = replace(prepared, scored=prepared.scored & telling[name](prepared))
-            is_told |= told.nearest(nodes)
-        found |= {(name, soc) for soc in nodes[~is_told].tolist()}
-    return found
+            part = replace(prepared, scored=prepared.scored & telling[name](prepared))
+            is_determined |= part.nearest(nodes)
+        undetermined |= {(name, soc) for soc in nodes[~is_determined].tolist()}
+    return undetermined
 
 
 def _as_stored(
@@ -259,14 +259,14 @@ def _as_stored(
     level_v = {}
     if OCV in objective.names:
         nodes = objective.nodes_of[objective.names.index(OCV)]
-        known_v = objective.prepared_records[0].cell.average_ocv_v(nodes)
-        level_v = dict(zip(nodes.tolist(), known_v.tolist(), strict=True))
-    for before, own in zip([None, *intervals], intervals, strict=False):
-        if before is not None and before.name == own.name and own.name in tables.resistances:
-            low, high = before.soc or 0.0, own.soc or 0.0
+        cell_v = objective.prepared_records[0].cell.average_ocv_v(nodes)
+        level_v = dict(zip(nodes.tolist(), cell_v.tolist(), strict=True))
+    for before, node in zip([None, *intervals], intervals, strict=False):
+        if before is not None and before.name == node.name and node.name in tables.resistances:
+            low, high = before.soc or 0.0, node.soc or 0.0
             between = (soc for soc in tables.nodes if low < soc < high)
-            yield from (before.between(own, soc) for soc in between)
-        yield own.moved(level_v[own.soc]) if own.name == OCV else own
+            yield from (before.between(node, soc) for soc in between)
+        yield node.moved(level_v[node.soc]) if node.name == OCV else node
 
 
 def with_level_ends(fit: TableFit, prepared_records: Sequence[PreparedRecord]) -> TableFit:
@@ -302,7 +302,7 @@ def pooled_errors(
 
 def _warnings(objective: TableObjective, fit: TableFit) -> tuple[Notice, ...]:
     tables = fit.tables
-    found = [
+    notices = [
         _bound_warning(bound, tables.constants[bound.name], objective.settings)
         for bound in fit.at_bound
     ]
@@ -310,44 +310,44 @@ def _warnings(objective: TableObjective, fit: TableFit) -> tuple[Notice, ...]:
     resistances_ohm = np.array([tables.at(name, nodes) for name in tables.resistances])
     visited, seen_soc, whose = objective.visited, nodes[objective.visited], None
     if not fit.is_over_soc:
-        place, whose = objective.names.index(OCV), "ocv"
-        visited = objective.visited_of(place)
-        seen_soc = np.array(objective.nodes_of[place])[visited]
+        table, whose = objective.names.index(OCV), "ocv"
+        visited = objective.visited_of(table)
+        seen_soc = np.array(objective.nodes_of[table])[visited]
     unvisited = 1 - float(np.mean(visited))
     if unvisited > MOSTLY:
-        told = {"share": unvisited, "whose": whose}
-        told |= {"low_soc": float(min(seen_soc)), "high_soc": float(max(seen_soc))}
-        found.append(Notice("tables.mostly-unvisited", told))
+        values = {"share": unvisited, "whose": whose}
+        values |= {"low_soc": float(min(seen_soc)), "high_soc": float(max(seen_soc))}
+        notices.append(Notice("tables.mostly-unvisited", values))
     if fit.is_over_soc:
         bare = nodes[objective.visited & (resistances_ohm.sum(axis=0) < LEAST_OHM)]
-        found += [Notice("tables.no-resistance", {"soc": soc}) for soc in bare.tolist()]
+        notices += [Notice("tables.no-resistance", {"soc": soc}) for soc in bare.tolist()]
     if not np.any(resistances_ohm[0][objective.visited] >= LEAST_OHM):
-        found.append(Notice("tables.no-r0"))
+        notices.append(Notice("tables.no-r0"))
     floor_ohm = objective.least_r0_ohm
     held = nodes[objective.visited & (resistances_ohm[0] <= floor_ohm)]
     if floor_ohm and len(held):
         percent = ", ".join(f"{100 * soc:g}" for soc in held)
         where = None if fit.is_over_soc else "everywhere"
-        told = {"floor_ohm": floor_ohm, "percent": percent}
-        told |= dict.fromkeys(("where", "whose", "instead"), where)
-        found.append(Notice("tables.r0-at-floor", told))
+        values = {"floor_ohm": floor_ohm, "percent": percent}
+        values |= dict.fromkeys(("where", "whose", "instead"), where)
+        notices.append(Notice("tables.r0-at-floor", values))
     is_fitted = HALF_HYSTERESIS in tables.tables
     if not is_fitted and tables.gamma is None:
-        return tuple(found)
+        return tuple(notices)
     moved, ranges = least_travel_soc(objective.prepared_records), objective.settings.ranges
     if moved < BOTH_WAYS_SOC and is_fitted and OCV not in objective.names:
-        found.append(Notice("tables.one-direction", {"moved_soc": moved}))
+        notices.append(Notice("tables.one-direction", {"moved_soc": moved}))
     elif moved < BOTH_WAYS_SOC and tables.gamma is not None and RATE not in ranges:
-        found.append(Notice("tables.one-direction", {"moved_soc": moved, "gamma": HELD_GAMMA}))
-    return tuple(found)
+        notices.append(Notice("tables.one-direction", {"moved_soc": moved, "gamma": HELD_GAMMA}))
+    return tuple(notices)
 
 
 def _bound_warning(bound: AtBound, value: float, settings: TableSettings) -> Notice:
     """The notice of a constant that a bound sets."""
     side = bound.side if bound.name.startswith("tau") else None
     # A capacity only names the axis of an OCV of the records' own.
-    is_own = settings.ocv_nodes is not None
-    correction = "true" if settings.ocv_correction and not is_own else None
-    told = {"side": side, "correction": correction, "check": "own" if is_own else None}
+    is_fitted = settings.ocv_nodes is not None
+    correction = "true" if settings.ocv_correction and not is_fitted else None
+    words = {"side": side, "correction": correction, "check": "own" if is_fitted else None}
     name = "value_s" if side else "value"
-    return Notice("tables.at-bound", {"name": bound.name, name: value, **told})
+    return Notice("tables.at-bound", {"name": bound.name, name: value, **words})

@@ -283,8 +283,8 @@ def no_temperature(prepared: PreparedRecord, fits: TableFits) -> Iterator[Notice
     """That a record has no temperature that the resistances could follow."""
     law = fits.of(prepared).dependence
     if law is not None and BETA in law.numbers and prepared.sample_degc is None:
-        told = {"reference_degc": law.reference_degc}
-        yield Notice("tables.no-temperature", told, prepared.record.name)
+        values = {"reference_degc": law.reference_degc}
+        yield Notice("tables.no-temperature", values, prepared.record.name)
 
 
 def _offset_warnings(records: Sequence[PreparedRecord]) -> Iterator[Notice]:
@@ -296,9 +296,9 @@ def _offset_warnings(records: Sequence[PreparedRecord]) -> Iterator[Notice]:
     is_turned = {record.record.sign.value for record in records} == {"charge-positive"}
     offset_a = -level.offset_a if is_turned else level.offset_a
     names = ", ".join(record.record.name for record in records)
-    told = {"offset_a": offset_a, "error_a": 2 * level.offset_error_a}
-    told |= {"hours": level.told_capacity_ah / abs(offset_a)}
-    yield Notice("answer.current-offset", told, names)
+    values = {"offset_a": offset_a, "error_a": 2 * level.offset_error_a}
+    values |= {"hours": level.told_capacity_ah / abs(offset_a)}
+    yield Notice("answer.current-offset", values, names)
 
 
 def _reversal_warnings(fits: TableFits) -> Iterator[Notice]:
@@ -339,9 +339,9 @@ def _outside_warnings(fits: TableFits, evaluations: Evaluations) -> Iterator[Not
         soc = evaluation.prepared.soc[evaluation.prepared.scored]
         outside = int(np.count_nonzero((soc < low - SAME_FULL) | (soc > high + SAME_FULL)))
         if outside:
-            told = {"outside": outside, "samples": len(soc)}
-            told |= {"low_percent": 100 * low, "high_percent": 100 * high}
-            yield Notice("soc.outside-tables", told, evaluation.prepared.record.name)
+            values = {"outside": outside, "samples": len(soc)}
+            values |= {"low_percent": 100 * low, "high_percent": 100 * high}
+            yield Notice("soc.outside-tables", values, evaluation.prepared.record.name)
 
 
 def _is_alike(fits: TableFits, evaluation: Evaluation, other: Evaluation) -> bool:

@@ -90,26 +90,26 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
         """Around what would stand there had nothing moved it, with the nuisances that fit best, as
         far as the value."""
         bias = max((value - other for other in unmoved), key=abs)
-        known, told = moves.reach(weights), away.reach(weights)
+        reach, freed = moves.reach(weights), away.reach(weights)
         sides = light.sides[is_bound & (weights[:count] != 0)]
-        below, above = (told if np.any(sides == side) else known for side in (1, -1))
+        below, above = (freed if np.any(sides == side) else reach for side in (1, -1))
         joint = float(weights @ moves.by_best_nuisances)
         low = None if below is None else min(value, min(unmoved) + joint - below[1])
         high = None if above is None else max(value, max(unmoved) + joint + above[1])
         if low is not None and name.startswith(("R", HALF_HYSTERESIS)):
             low = max(low, 0.0)
-        return NodeInterval(name, soc, value, known[0] if known else 0.0, bias, low, high)
+        return NodeInterval(name, soc, value, reach[0] if reach else 0.0, bias, low, high)
 
     held = _held_level(objective, best)
     both = np.column_stack([np.concatenate(values) for values in (best.values, light.values)])
     unit = np.eye(len(moves.is_seen))
-    found = []
+    intervals = []
     sags = np.concatenate([curve.sags for curve in curves]).tolist()
     for ((name, soc), row), sag in zip(objective.visited_rows.items(), sags, strict=True):
-        value, own = both[row].tolist()
-        on_curve = own + sag - float(moves.by_lines[row])
-        around = interval(name, soc, unit[row], value, own, on_curve)
-        found.append(around.opened() if row in held else around)
+        value, near = both[row].tolist()
+        on_curve = near + sag - float(moves.by_lines[row])
+        around = interval(name, soc, unit[row], value, near, on_curve)
+        intervals.append(around.opened() if row in held else around)
     dependence, numbers = objective.prepared_records[0].dependence, objective.numbers
     usual = {} if dependence is None else dependence.usual
     of_numbers = {name: math.log(value) for name, value in numbers.items()}
@@ -127,29 +127,29 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
                 min(around.high, max(scale, middle + reach)),
             )
         # What may be anything has no end, as where no sample moves it.
-        is_told = ends[0] is not None and ends[1] is not None and ends[1] - ends[0] < WIDEST
-        low, high = (math.exp(end) if is_told and end is not None else None for end in ends)
-        error = value * around.standard_error if is_told else 0.0
-        found.append(NodeInterval(name, None, value, error, 0.0, low, high))
+        is_closed = ends[0] is not None and ends[1] is not None and ends[1] - ends[0] < WIDEST
+        low, high = (math.exp(end) if is_closed and end is not None else None for end in ends)
+        error = value * around.standard_error if is_closed else 0.0
+        intervals.append(NodeInterval(name, None, value, error, 0.0, low, high))
 
     def mean(name: str) -> NodeInterval:
         weights = np.pad(mean_weights(objective, name), (0, len(unit) - count))
-        value, own = (weights[:count] @ both).tolist()
+        value, near = (weights[:count] @ both).tolist()
         tables = [objective.names.index(part) for part in parts_of(name)]
         sag = sum(curves[table].mean_above_lines for table in tables)
-        return interval(name, None, weights, value, own, own + sag - weights @ moves.by_lines)
+        return interval(name, None, weights, value, near, near + sag - weights @ moves.by_lines)
 
     means = {name: mean(name) for name in objective.names if name not in (OCV, OCV_CORRECTION)}
     sums = []
     for last, first in enumerate(range(alike(objective.elements) - 1), 1):
         two = [*means.values()][first + 1 : last + 2]
-        total = mean(sum_name([own.name for own in two]))
+        total = mean(sum_name([one.name for one in two]))
         gap = best.log_scales[last] - best.log_scales[first]
         reach = moves.reach(unit[count + last] - unit[count + first])
-        errors = (own.standard_error / own.value if own.value else 0.0 for own in (total, *two))
+        errors = (one.standard_error / one.value if one.value else 0.0 for one in (total, *two))
         if reach is not None and are_one(gap, reach[1], *errors):
             sums.append(total)
-    return (*found, *means.values(), *sums)
+    return (*intervals, *means.values(), *sums)
 
 
 def _moves_of(
@@ -198,11 +198,11 @@ def _held_level(objective: TableObjective, best: Solution) -> range:
     """The rows of the lowest visited nodes, below 10 % SOC, between which only the bound that an
     OCV rises decides: under load, an OCV that falls there and a resistance that rises look alike.
     """
-    place = 1 + objective.pairs
+    table = 1 + objective.pairs
     if not (objective.settings.rising_ocv and objective.reduced.layout.has_correction):
         return range(0)
-    first, nodes = objective.block(place).start, objective.nodes_of[place]
-    low = np.flatnonzero(objective.visited_of(place) & ~is_above(nodes)) + first
+    first, nodes = objective.block(table).start, objective.nodes_of[table]
+    low = np.flatnonzero(objective.visited_of(table) & ~is_above(nodes)) + first
     free = np.flatnonzero(best.sides[low[1:]] >= 0)
     held = int(free[0]) if len(free) else max(0, len(low) - 1)
     return range(int(low[0]), int(low[held]) + 1) if held else range(0)
@@ -229,10 +229,10 @@ def _with_curves(
         yield np.hstack([columns, nuisance_v]), np.column_stack([base, left]), informed
 
 
-def unsmoothed(objective: TableObjective, found: Solution) -> tuple[TableObjective, Solution]:
+def unsmoothed(objective: TableObjective, best: Solution) -> tuple[TableObjective, Solution]:
     """The objective with hardly any smoothing, and its tables at the same time constants."""
     lighter = replace(objective, smoothing_scale=LIGHT * objective.smoothing_scale)
-    return lighter, lighter.solve(found.log_scales, found.sides, exact=True)
+    return lighter, lighter.solve(best.log_scales, best.sides, exact=True)
 
 
 def with_penalty(
@@ -323,7 +323,7 @@ class Linearized:
 
 def linearized(
     objective: TableObjective,
-    found: Solution,
+    best: Solution,
     beside_v: Float[np.ndarray, "simulated sides"] | None = None,
     further: Callable[[int], Float[np.ndarray, "scored further"]] | None = None,
 ) -> Iterator[Rows]:
@@ -332,7 +332,7 @@ def linearized(
 
     `beside_v` is as `reduce_records` has it; `further` gives the columns of a record by its place.
     """
-    tau, rate = found.log_scales[: objective.pairs], found.log_scales[objective.pairs :]
+    tau, rate = best.log_scales[: objective.pairs], best.log_scales[objective.pairs :]
     rungs = rungs_of(objective.elements)
     log_taus = np.array([tau[rung.element] + math.log(rung.ratio) for rung in rungs])
     around = np.array([-STEP, 0.0, STEP])
@@ -341,21 +341,21 @@ def linearized(
     layout = replace(objective.reduced.layout, in_tau=in_tau, in_rate=in_rate)
     # Of tables' values: steps of an OCV that rises are unknowns.
     by_values = replace(objective, settings=replace(objective.settings, rising_ocv=False))
-    for place, prepared in enumerate(objective.prepared_records):
-        of_numbers = _dependence_slopes(prepared, objective.tables_at(found))
+    for index, prepared in enumerate(objective.prepared_records):
+        of_numbers = _dependence_slopes(prepared, objective.tables_at(best))
         none = np.empty((np.count_nonzero(prepared.scored), 0))
-        others, first = none if further is None else further(place), 0
+        others, first = none if further is None else further(index), 0
         for block in blocks(prepared, layout):
             scored = prepared.scored[block.here]
             if not np.any(scored):
                 continue
             sampled = replace(by_values, reduced=Reduced(layout, 1, block.rows(layout, scored)))
-            columns, base = sampled.columns(found.log_scales)
+            columns, base = sampled.columns(best.log_scales)
             slopes = [
                 (axis.columns_at(scale + STEP) - axis.columns_at(scale - STEP))
-                @ (np.ones(1) if axis.table is None else found.values[axis.table])
+                @ (np.ones(1) if axis.table is None else best.values[axis.table])
                 / (2 * STEP)
-                for axis, scale in zip(sampled.axes, found.log_scales, strict=True)
+                for axis, scale in zip(sampled.axes, best.log_scales, strict=True)
             ]
             slopes += [slope[block.here][scored] for slope in of_numbers]
             here, first = slice(first, first + len(base)), first + len(base)
@@ -370,11 +370,11 @@ def _dependence_slopes(
     prepared: PreparedRecord, tables: CircuitParameters
 ) -> list[Float[np.ndarray, "simulated"]]:
     """The derivatives of the error by the logarithm of every number that resistances follow."""
-    law, found = tables.dependence, []
+    law, slopes = tables.dependence, []
     if law is None:
-        return found
+        return slopes
     for name, value in law.numbers.items():
         laws = [law.with_numbers({name: value * math.exp(step)}) for step in (STEP, -STEP)]
         above, below = (errors_along(prepared, replace(tables, dependence=one)) for one in laws)
-        found.append((above - below) / (2 * STEP))
-    return found
+        slopes.append((above - below) / (2 * STEP))
+    return slopes

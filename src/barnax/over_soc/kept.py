@@ -24,7 +24,7 @@ from ..model.prepared import PreparedRecord, prepare_record
 from ..model.reduced import Reduced, reduce_records, together
 from .cross_validation import record_errors
 from .fit import TableFit, fit_of
-from .level import OCV_NODES, leveled, with_own_ocv
+from .level import OCV_NODES, leveled, with_fitted_ocv
 from .node_interval import NodeInterval, mean_weights
 from .objective import Solution, TableObjective
 from .problem import box_of, find_best
@@ -179,24 +179,24 @@ def keep_all(
 ) -> list[Kept]:
     """The same of every cell of a pack, whose voltages are so far above the record's."""
     cell = prepared.cell
-    told = prepare_record(prepared.record, cell, grid.circuit, prepared.window)
+    simulated = prepare_record(prepared.record, cell, grid.circuit, prepared.window)
     if cell.is_of_records:
         grid = replace(grid, ocv="own")
-        (told,) = leveled([told], prepared)
+        (simulated,) = leveled([simulated], prepared)
     record = prepared.record.name
     named = [f"{record} {name}" for name in names] or [record]
     layout = replace(grid.layout, sides=len(named))
     nodes, ocv_nodes = np.array(layout.nodes), np.array(layout.ocv_nodes)
 
     def below_or_above(here: slice):
-        return np.where(told.scored[here], is_above(told.soc[here]), -1)
+        return np.where(simulated.scored[here], is_above(simulated.soc[here]), -1)
 
-    below, above = reduce_records([told], layout, [below_or_above], 2, beside_v)
+    below, above = reduce_records([simulated], layout, [below_or_above], 2, beside_v)
     has_slopes = layout.has_correction
-    slopes_v = told.cell.least_ocv_slopes(ocv_nodes) if has_slopes else np.empty(0)
-    facts = {name: getattr(told, name) for name in FACTS}
-    facts |= {"visited": told.nearest(nodes), "visited_ocv": told.nearest(ocv_nodes)}
-    ocv = KeptOcv(told.cell.average_ocv_v(ocv_nodes), slopes_v)
+    slopes_v = simulated.cell.least_ocv_slopes(ocv_nodes) if has_slopes else np.empty(0)
+    facts = {name: getattr(simulated, name) for name in FACTS}
+    facts |= {"visited": simulated.nearest(nodes), "visited_ocv": simulated.nearest(ocv_nodes)}
+    ocv = KeptOcv(simulated.cell.average_ocv_v(ocv_nodes), slopes_v)
     return [
         Kept(name=name, grid=grid, cell=ocv, **facts,
              parts=(_shortened(below.side(side)), _shortened(above.side(side))))
@@ -252,7 +252,7 @@ def objective_of(kept: Sequence[Kept], settings: TableSettings) -> TableObjectiv
         resistances_follow="none",
     )
     if grid.ocv == "own":
-        settings = with_own_ocv(settings)
+        settings = with_fitted_ocv(settings)
         kept = [record.counted_from(kept[0].cell) for record in kept]
     ranges = {
         name: (min(max(low, grid.low_s), grid.high_s), max(min(high, grid.high_s), grid.low_s))
@@ -267,12 +267,12 @@ def objective_of(kept: Sequence[Kept], settings: TableSettings) -> TableObjectiv
 def _without_noise(objective: TableObjective, best: Solution) -> tuple[NodeInterval, ...]:
     """The values of visited nodes, time constants and means, whose intervals are not known yet."""
     rows, scales = np.concatenate(best.values), np.exp(best.log_scales)
-    values = {place: float(rows[row]) for place, row in objective.visited_rows.items()}
+    values = {key: float(rows[row]) for key, row in objective.visited_rows.items()}
     names = [(axis.name, None) for axis in objective.axes]
     values |= dict(zip(names, scales.tolist(), strict=True))
     for name in objective.names[: 1 + objective.pairs]:
         values[name, None] = float(mean_weights(objective, name) @ rows)
-    return tuple(NodeInterval(*own, value, 0.0, 0.0, None, None) for own, value in values.items())
+    return tuple(NodeInterval(*key, value, 0.0, 0.0, None, None) for key, value in values.items())
 
 
 def _other_grid(first: Kept, other: Kept) -> str:

@@ -23,27 +23,27 @@ from .settings import TableSettings
 # and the fall of one record would be taken for that of all.
 OCV_NODES = (
     *(node for node in NODES if node < 0.05),
-    *(place / 80 for place in range(4, 16)),
-    *(place / 40 for place in range(8, 36)),
-    *(place / 80 for place in range(72, 78)),
-    *(place / 160 for place in range(156, 158)),
-    *(place / 320 for place in range(316, 324)),
+    *(number / 80 for number in range(4, 16)),
+    *(number / 40 for number in range(8, 36)),
+    *(number / 80 for number in range(72, 78)),
+    *(number / 160 for number in range(156, 158)),
+    *(number / 320 for number in range(316, 324)),
 )
 # It is measured from a line that says nothing.
 FREE_RIDGE = 1e-12
 NEARLY_LEVEL_V = 1e-6
 # A hysteresis that turns more slowly cannot be told from an OCV; one that turns faster, within 1 %
 # SOC, from resistances that fall with the current.
-OWN_RATES = (10.0, 300.0)
+DISTINCT_RATES = (10.0, 300.0)
 # Between two nodes the OCV is a straight line: so many points of it make a curve of that.
 POINTS_A_NODE = 8
 
 
-def with_own_ocv(settings: TableSettings, circuit: str | None = None) -> TableSettings:
+def with_fitted_ocv(settings: TableSettings, circuit: str | None = None) -> TableSettings:
     """The same with a table of the OCV in place of its correction, and with one of a dynamic
     hysteresis where the circuit has that."""
     if circuit is not None and get_circuit(circuit).has_rate:
-        bounds = {**settings.bounds, **({} if RATE in settings.ranges else {RATE: OWN_RATES})}
+        bounds = {**settings.bounds, **({} if RATE in settings.ranges else {RATE: DISTINCT_RATES})}
         settings = replace(settings, half_hysteresis=True, bounds=bounds)
     return replace(
         settings,
@@ -57,7 +57,7 @@ def level_cell(capacity_ah: float, voltage_v: float) -> CellModel:
     """A cell whose OCV says nothing: all of it is left to the table."""
     soc = np.array([-1.0, 2.0])
     line = InterpolatedCurve.fit(soc, voltage_v + NEARLY_LEVEL_V * soc)
-    points = tuple(OcvPoint(place, voltage_v, "", 0, 0.0) for place in soc.tolist())
+    points = tuple(OcvPoint(at, voltage_v, "", 0, 0.0) for at in soc.tolist())
     error = FitError(0.0, 0.0)
     return CellModel(
         capacity_ah, "", line, line, SegmentedHysteresis.zero(), (), points, {"average": error}
@@ -70,12 +70,12 @@ def leveled(
     """The records with such a cell of the first one, or of another, and the hysteresis that they
     have."""
     first = like or prepared_records[0]
-    level, found = level_cell(first.capacity_ah, float(np.median(first.voltage_v))), []
+    level, moved = level_cell(first.capacity_ah, float(np.median(first.voltage_v))), []
     for prepared in prepared_records:
-        known_v, level_v = (cell.average_ocv_v(prepared.soc) for cell in (prepared.cell, level))
-        source_v = prepared.source_v - known_v + level_v
-        found.append(replace(prepared, cell=level, source_v=source_v))
-    return found
+        cell_v, level_v = (cell.average_ocv_v(prepared.soc) for cell in (prepared.cell, level))
+        source_v = prepared.source_v - cell_v + level_v
+        moved.append(replace(prepared, cell=level, source_v=source_v))
+    return moved
 
 
 def cell_of(
@@ -95,8 +95,8 @@ def cell_of(
     name = " + ".join(prepared.record.name for prepared in objective.prepared_records)
     ocv_v, half_v = np.interp(at, nodes, ocv_v), 0.0
     if HALF_HYSTERESIS in objective.names:
-        place = objective.names.index(HALF_HYSTERESIS)
-        half_v = np.interp(at, objective.nodes_of[place], best.values[place])
+        table = objective.names.index(HALF_HYSTERESIS)
+        half_v = np.interp(at, objective.nodes_of[table], best.values[table])
     directions = (DISCHARGE, CHARGE) if np.any(half_v) else (EITHER,)
     branches = {
         direction: tuple(

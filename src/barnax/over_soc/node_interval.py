@@ -143,8 +143,8 @@ def mean_weights(objective: TableObjective, name: str) -> Float[np.ndarray, "val
     weights = np.zeros(len(objective.to_tables))
     for part in parts_of(name):
         table = objective.names.index(part)
-        own = node_weights(objective.nodes_of[table], objective.visited_of(table))
-        weights[objective.block(table)] = own
+        of_nodes = node_weights(objective.nodes_of[table], objective.visited_of(table))
+        weights[objective.block(table)] = of_nodes
     return weights
 
 
@@ -189,7 +189,7 @@ def sag_of(
     soc = (nodes[:-1, None] + steps[:, None] * (places + 1) / 2).ravel()
     roots = np.sqrt(steps[:, None] * weights).reshape(-1, 1)
     unit = np.eye(len(nodes))
-    lines = np.stack([np.interp(soc, nodes, own) for own in unit], axis=1)
+    lines = np.stack([np.interp(soc, nodes, row) for row in unit], axis=1)
     to_lines = np.linalg.lstsq(roots * lines, roots * CubicSpline(nodes, unit)(soc))[0]
     return np.linalg.solve(to_lines, values) - values
 
@@ -222,9 +222,9 @@ class TableCurve:
         return float((curve - lines) / (high - low))
 
 
-def curves_of(objective: TableObjective, found: Solution) -> Iterator[TableCurve]:
+def curves_of(objective: TableObjective, best: Solution) -> Iterator[TableCurve]:
     """The curves of all tables."""
-    for table, (nodes, values) in enumerate(zip(objective.nodes_of, found.values, strict=True)):
+    for table, (nodes, values) in enumerate(zip(objective.nodes_of, best.values, strict=True)):
         seen = objective.visited_of(table)
-        own = nodes[seen], values[seen]
-        yield TableCurve(*own, sag_of(*own))
+        points = nodes[seen], values[seen]
+        yield TableCurve(*points, sag_of(*points))

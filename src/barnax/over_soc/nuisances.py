@@ -19,7 +19,7 @@ from ..model.descent import polish
 from ..model.prepared import PreparedRecord
 from ..model.search_space import Range
 from .intervals import UNSEEN, Linearized, linearized, unsmoothed, with_penalty
-from .level import leveled, with_own_ocv
+from .level import leveled, with_fitted_ocv
 from .objective import Solution, TableObjective
 from .problem import held_at, reduced_objective
 
@@ -98,31 +98,31 @@ def estimate(
     normal, slopes = with_penalty(lighter, fit.products, fit.ways), fit.slopes[:, 0]
     noise, weight, values = fit.noises[0], fit.prior_weight, np.concatenate(light.values)
     wanted = np.empty((0, len(values))) if wanted is None else wanted
-    own = slice(len(normal) - now.size, len(normal))
+    of_nuisances = slice(len(normal) - now.size, len(normal))
     scales = len(normal) - len(others) + np.arange(len(objective.axes))
-    told = np.eye(len(normal))[own]
-    picked = np.vstack([told, wanted @ fit.ways[: len(values)]])
+    units = np.eye(len(normal))[of_nuisances]
+    picked = np.vstack([units, wanted @ fit.ways[: len(values)]])
 
     def under(prior: Float[np.ndarray, "nuisances"]) -> Estimated:
-        known = np.diag(1 / prior), now / prior
+        belief = np.diag(1 / prior), now / prior
         if beside is not None:
-            known = np.vstack([known[0], beside.columns]), np.append(known[1], -beside.error)
-        pull, pushed, stiff = weight * known[0].T, slopes.copy(), normal.copy()
-        stiff[own, own] += pull @ known[0]
-        pushed[own] += pull @ known[1]
+            belief = np.vstack([belief[0], beside.columns]), np.append(belief[1], -beside.error)
+        pull, pushed, stiff = weight * belief[0].T, slopes.copy(), normal.copy()
+        stiff[of_nuisances, of_nuisances] += pull @ belief[0]
+        pushed[of_nuisances] += pull @ belief[1]
         moved = np.linalg.lstsq(stiff, np.column_stack([pushed, fit.to_noise.T]))[0]
-        back = picked @ np.linalg.lstsq(stiff, told.T)[0]
+        back = picked @ np.linalg.lstsq(stiff, units.T)[0]
         by_noise = picked @ moved[:, 1:]
-        by_known = back @ pull
+        by_belief = back @ pull
         lengths = np.sqrt(np.maximum(np.diag(stiff), np.finfo(float).tiny))
         roots = np.linalg.eigvalsh(stiff / np.outer(lengths, lengths))
         volume = np.sum(np.log(np.maximum(roots, UNSEEN**2))) + 2 * np.sum(np.log(lengths))
-        misfit = known[1] @ known[1] - pushed @ moved[:, 0] / weight
+        misfit = belief[1] @ belief[1] - pushed @ moved[:, 0] / weight
         return Estimated(
             np.append(now, wanted @ values) - picked @ moved[:, 0],
-            by_noise @ noise.spread_v2 @ by_noise.T + by_known @ by_known.T,
+            by_noise @ noise.spread_v2 @ by_noise.T + by_belief @ by_belief.T,
             -moved[scales, 0],
-            by_known[:, : now.size],
+            by_belief[:, : now.size],
             float(-(misfit + volume) / 2 - np.sum(np.log(prior))),
         )
 
@@ -135,7 +135,7 @@ TRIED_PER_H, SD_PER_H = (-0.015, -0.01, -0.005, 0.005, 0.01, 0.015), 0.02
 # An offset counts from so many standard errors and from such a size on, if it leaves less than this
 # share of the error. The search ends where the first round's standard error is above the next
 # limit, and where a later round finds less than so many standard errors.
-TOLD_ERRORS, LEAST_PER_H, LEAVES = 3.0, 1 / 300, 0.85
+LEAST_ERRORS, LEAST_PER_H, LEAVES = 3.0, 1 / 300, 0.85
 OPEN_PER_H, DOUBTED_ERRORS = 0.0075, 1.5
 # A current that reads no more than this for so long at rest has no offset. Of the currents up to
 # `SMALL_PER_H`, a rest's are more than this share, within a quarter of that.
@@ -169,7 +169,7 @@ class OffsetEffect:
 
 
 def _without_offset(
-    told: TableObjective,
+    objective: TableObjective,
     shifts: Float[np.ndarray, "records two"],
     offset_a: float,
     ranges: Mapping[str, Range],
@@ -177,16 +177,16 @@ def _without_offset(
     """The objective with starts and capacities moved, the currents without an offset, and an OCV of
     the records' own; None where they leave the axis of SOC."""
     records = []
-    for prepared, soc, share in zip(told.prepared_records, *shifts.T.tolist(), strict=True):
+    for prepared, soc, share in zip(objective.prepared_records, *shifts.T.tolist(), strict=True):
         record = prepared.record
         record = replace(record, current_a=record.current_a - offset_a)
-        start, own_ah = prepared.start.soc + soc, prepared.capacity_ah * (1 + share)
-        moved = prepared.registered(start, own_ah, record=record)
+        start, capacity_ah = prepared.start.soc + soc, prepared.capacity_ah * (1 + share)
+        moved = prepared.registered(start, capacity_ah, record=record)
         if moved is None:
             return None
         records.append(moved.following(prepared.dependence))
-    records = leveled(records, told.prepared_records[0])
-    return reduced_objective(records, with_own_ocv(told.settings), ranges)
+    records = leveled(records, objective.prepared_records[0])
+    return reduced_objective(records, with_fitted_ocv(objective.settings), ranges)
 
 
 def shared_offset(
@@ -209,10 +209,10 @@ def shared_offset(
     capacity_ah = objective.prepared_records[0].capacity_ah
     lowest, highest = np.transpose([[axis.low, axis.high] for axis in objective.axes])
     sds = np.append(prior.ravel(), SD_PER_H * capacity_ah)
-    told, ranges = objective, held_at(objective.ranges, best.log_scales)
+    as_given, ranges = objective, held_at(objective.ranges, best.log_scales)
     shifts, offset_a, least_v2 = np.zeros(prior.shape), 0.0, np.inf
     for tried_a in (0.0, *(capacity_ah * share for share in TRIED_PER_H)):
-        moved = _without_offset(told, shifts, tried_a, ranges)
+        moved = _without_offset(as_given, shifts, tried_a, ranges)
         objective_v2 = moved.solve(best.log_scales).objective_v2 if moved else np.inf
         if objective_v2 < least_v2:
             offset_a, least_v2 = tried_a, objective_v2
@@ -220,7 +220,7 @@ def shared_offset(
     log_scales = np.array(best.log_scales)
     for number in range(ROUNDS):
         ranges = held_at(objective.ranges, log_scales.tolist())
-        moved = _without_offset(told, shifts, offset_a, ranges)
+        moved = _without_offset(as_given, shifts, offset_a, ranges)
         if moved is None:
             return None
         objective = moved
@@ -232,16 +232,16 @@ def shared_offset(
         # SOC is scaled so that what was told is right on average.
         shifts = shifts - np.average(shifts, axis=0, weights=prior**-2.0)
         offset_a, error_a = float(estimated.values[-1]), float(estimated.errors[-1])
-        farthest_a = abs(offset_a) + TOLD_ERRORS * error_a
+        farthest_a = abs(offset_a) + LEAST_ERRORS * error_a
         is_none = abs(offset_a) < DOUBTED_ERRORS * error_a or farthest_a < LEAST_PER_H * capacity_ah
         if is_none if number else error_a > OPEN_PER_H * capacity_ah:
             return None
         leaves = best.rms_v / registered_v
         if abs(offset_a - before_a) < SETTLED * error_a:
             break
-    least_a = max(TOLD_ERRORS * error_a, LEAST_PER_H * capacity_ah)
-    is_told = abs(offset_a) > least_a and leaves < LEAVES
-    return CurrentOffset(offset_a, error_a) if is_told else None
+    least_a = max(LEAST_ERRORS * error_a, LEAST_PER_H * capacity_ah)
+    is_shown = abs(offset_a) > least_a and leaves < LEAVES
+    return CurrentOffset(offset_a, error_a) if is_shown else None
 
 
 def reads_zero_at_rest(prepared: PreparedRecord) -> bool:
@@ -280,10 +280,10 @@ def offset_effect(objective: TableObjective, best: Solution) -> OffsetEffect | N
     moved_shares = []
     for tables in (slice(1), slice(1 + objective.pairs)):
         before, after = (np.sum(solution.values[tables], axis=0) for solution in (best, other))
-        known = objective.visited & (before > 0)
-        if not known.any():
+        is_positive = objective.visited & (before > 0)
+        if not is_positive.any():
             return None
-        moved_shares.append(float(np.median(np.abs(after[known] / before[known] - 1))))
+        moved_shares.append(float(np.median(np.abs(after[is_positive] / before[is_positive] - 1))))
     return OffsetEffect(offset_a, *moved_shares)
 
 

@@ -151,7 +151,7 @@ class TableObjective(LinearObjective):
     def _visits(self) -> dict[int, Bool[np.ndarray, "nodes"]]:
         """The same by the number of nodes."""
         nodes = {len(nodes): nodes for nodes in reversed(self.nodes_of)}
-        return {count: self._nearest(own) for count, own in nodes.items()}
+        return {count: self._nearest(of_table) for count, of_table in nodes.items()}
 
     def _nearest(self, nodes: Float[np.ndarray, "nodes"]) -> Bool[np.ndarray, "nodes"]:
         return np.any([record.nearest(nodes) for record in self.prepared_records], axis=0)
@@ -174,23 +174,23 @@ class TableObjective(LinearObjective):
     def axes(self) -> tuple[Axis, ...]:
         """The searched coordinates: the time constant of every element, whose table is the next
         after R0, then gamma where there is one, whose table is the last."""
-        layout, found = self.reduced.layout, list[Axis]()
+        layout, axes = self.reduced.layout, list[Axis]()
 
         def add(name, table, part, span, sign, element):
             low, high = np.log(self.ranges[name]).tolist()
             answers, to_nodes = self.reduced.part(part), span.from_skeleton
-            found.append(Axis(name, low, high, table, answers, to_nodes, span, sign, element))
+            axes.append(Axis(name, low, high, table, answers, to_nodes, span, sign, element))
 
         names = zip(names_of(self.elements), self.elements, strict=True)
-        for table, (own, element) in enumerate(names, 1):
-            add(own.tau, table, "pairs", layout.in_tau, 1, get_element(element))
+        for table, (pair, element) in enumerate(names, 1):
+            add(pair.tau, table, "pairs", layout.in_tau, 1, get_element(element))
         if layout.in_rate is not None:
             table = 1 + self.pairs + layout.has_correction if layout.has_amplitude else None
             add(RATE, table, "hysteresis_response", layout.in_rate, -1, RC)
-        return tuple(found)
+        return tuple(axes)
 
-    def parts_at(self, found: Solution) -> list[tuple[float, "TableObjective", Solution]]:
-        return [(1.0, self, found)]
+    def parts_at(self, best: Solution) -> list[tuple[float, "TableObjective", Solution]]:
+        return [(1.0, self, best)]
 
     @property
     def interchangeable(self) -> int:
@@ -263,46 +263,46 @@ class TableObjective(LinearObjective):
         rows = self.to_tables @ x
         return tuple(rows[self.block(table)] for table in range(self.tables))
 
-    def ways(self, found: Solution) -> Float[np.ndarray, "values ways"]:
+    def ways(self, best: Solution) -> Float[np.ndarray, "values ways"]:
         """The ways in which tables can move within their bounds, unless no sample is near.
 
         Values at a bound stay. The OCV correction of nodes that a bound ties together moves as one.
         """
         blocks = []
         for number, table in enumerate(self._tables):
-            is_free = found.sides[self.block(number)] == 0
+            is_free = best.sides[self.block(number)] == 0
             eye, tied = np.eye(len(is_free)), np.cumsum(is_free) - 1
-            own = eye[: tied[-1] + 1, tied] if table.rises else eye[is_free]
-            blocks.append(own[own @ self.visited_of(number) > 0].T)
+            moves = eye[: tied[-1] + 1, tied] if table.rises else eye[is_free]
+            blocks.append(moves[moves @ self.visited_of(number) > 0].T)
         return np.asarray(block_diag(*blocks))
 
     def ocv_at(
-        self, found: Solution
+        self, best: Solution
     ) -> tuple[Float[np.ndarray, "nodes"], Float[np.ndarray, "nodes"]]:
         """Nodes and OCV in V of a solution that has one of its own."""
-        place = self.names.index(OCV)
-        nodes = self.nodes_of[place]
-        return nodes, self.prepared_records[0].cell.average_ocv_v(nodes) + found.values[place]
+        table = self.names.index(OCV)
+        nodes = self.nodes_of[table]
+        return nodes, self.prepared_records[0].cell.average_ocv_v(nodes) + best.values[table]
 
-    def with_ocv(self, prepared: PreparedRecord, found: Solution) -> PreparedRecord:
+    def with_ocv(self, prepared: PreparedRecord, best: Solution) -> PreparedRecord:
         """A record with the OCV of a solution that has one of its own."""
         if OCV not in self.names:
             return prepared
-        place = self.names.index(OCV)
-        added_v = hats(prepared.soc, self.nodes_of[place]) @ found.values[place]
+        table = self.names.index(OCV)
+        added_v = hats(prepared.soc, self.nodes_of[table]) @ best.values[table]
         return replace(prepared, source_v=prepared.source_v + added_v)
 
-    def tables_at(self, found: Solution) -> CircuitParameters:
+    def tables_at(self, best: Solution) -> CircuitParameters:
         """A solution as stored, pairs from fast to slow; an OCV of its own is left out. Where the
         OCV's correction has more nodes than resistances, all are written down at its nodes."""
         layout = self.reduced.layout
         nodes = layout.ocv_nodes if OCV_CORRECTION in self.names else layout.nodes
         values = {
-            name: tuple((hats(np.array(nodes), own) @ row).tolist())
-            for name, own, row in zip(self.names, self.nodes_of, found.values, strict=True)
+            name: tuple((hats(np.array(nodes), of_table) @ row).tolist())
+            for name, of_table, row in zip(self.names, self.nodes_of, best.values, strict=True)
             if name != OCV
         }
-        scales = np.exp(found.log_scales).tolist()
+        scales = np.exp(best.log_scales).tolist()
         return CircuitParameters(
             tables=values,
             scales={axis.name: scale for axis, scale in zip(self.axes, scales, strict=True)},

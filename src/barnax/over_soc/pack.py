@@ -20,7 +20,7 @@ from ..model.descent import polish
 from ..model.prepared import PreparedRecord
 from ..model.reduced import together
 from .intervals import LIGHT, UNSEEN, Linearized, linearized, unsmoothed, with_penalty
-from .level import leveled, with_own_ocv
+from .level import leveled, with_fitted_ocv
 from .objective import Solution, TableObjective
 from .problem import box_of, reduced_objective
 from .settings import TableSettings
@@ -28,7 +28,7 @@ from .settings import TableSettings
 # Where resistances are averaged: near the ends few samples tell them.
 MIDDLE = (0.1, 0.9)
 # Starts and capacities with a wider half interval than this, in SOC or as a share, are left out.
-TOLD = 0.1
+WIDEST = 0.1
 R0, TOTAL, SHIFT, CAPACITY, LOADED = (
     "R0 [Ohm]", "total R [Ohm]", "SOC shift", "capacity ratio", "loaded voltage [V]",
 )  # fmt: skip
@@ -106,7 +106,7 @@ def fit_pack(
     beside_v: Float[np.ndarray, "simulated cells"],
     names: Sequence[str],
     settings: TableSettings,
-    own_time_constants: bool = False,
+    has_separate_taus: bool = False,
 ) -> PackFit:
     """The tables of every cell of a pack.
 
@@ -120,16 +120,18 @@ def fit_pack(
     """
     # On the nodes of a correction of the mean cell's, that of one that is shifted would be coarse.
     prepared = leveled([prepared])[0].following(tables.dependence)
-    settings = replace(with_own_ocv(settings), nodes=tables.nodes, folds=0)
-    known = tables.constants
+    settings = replace(with_fitted_ocv(settings), nodes=tables.nodes, folds=0)
+    constants = tables.constants
     sides_v = np.column_stack([np.zeros(len(prepared.soc)), beside_v])
-    held = {name: (known[name], known[name]) for name in box_of([prepared], settings)}
+    held = {name: (constants[name], constants[name]) for name in box_of([prepared], settings)}
     pack = reduced_objective([prepared], settings, held, beside_v=sides_v)
     count, log_scales = 1 + len(names), tuple(math.log(low) for low, _ in held.values())
-    own = [replace(pack, reduced=pack.reduced.side(side)) for side in range(count)]
-    found = [objective.solve(log_scales, exact=True) for objective in own]
-    light = [unsmoothed(objective, start)[1] for objective, start in zip(own, found, strict=True)]
-    lighter = replace(own[0], smoothing_scale=LIGHT)
+    parts = [replace(pack, reduced=pack.reduced.side(side)) for side in range(count)]
+    optima = [objective.solve(log_scales, exact=True) for objective in parts]
+    light = [
+        unsmoothed(objective, start)[1] for objective, start in zip(parts, optima, strict=True)
+    ]
+    lighter = replace(parts[0], smoothing_scale=LIGHT)
     others = np.eye(len(lighter.axes) + len(lighter.numbers))
     values = np.column_stack([np.concatenate(solution.values) for solution in light])
     fit = Linearized.of(lighter, light[0], others, linearized(lighter, light[0], sides_v), values)
@@ -138,36 +140,36 @@ def fit_pack(
     by_scales = fit.slopes[:, :1] - fit.slopes
     by_scales[: -len(others)] = 0.0
     # To each side's own time constants, of tables as smoothed as they are and lightly.
-    steps = [_moved(fit, weighted, by_scales) for weighted in (own[0], lighter)]
+    steps = [_moved(fit, weighted, by_scales) for weighted in (parts[0], lighter)]
 
     def reach_of(side: int, direction: Float[np.ndarray, "values"]) -> float:
         """Half the 95 % interval of a combination of values."""
         return fit.noises[side].reach(direction @ by_noise)[1]
 
     variance = np.einsum("ij,jk,ik->i", by_noise, fit.noises[0].spread_v2, by_noise)
-    loaded_soc, directions = _directions(pack, found[0], prepared, variance)
-    if own_time_constants:
+    loaded_soc, directions = _directions(pack, optima[0], prepared, variance)
+    if has_separate_taus:
         wide = reduced_objective([prepared], settings, beside_v=sides_v)
         for side in range(count):
             alone = replace(wide, reduced=together([wide.reduced.side(side)]))
-            start = alone.solve(found[side].log_scales, found[side].sides)
+            start = alone.solve(optima[side].log_scales, optima[side].sides)
             met = polish(alone, start)
-            found[side] = alone.solve(met.log_scales, met.sides, exact=True)
-            light[side] = unsmoothed(alone, found[side])[1]
+            optima[side] = alone.solve(met.log_scales, met.sides, exact=True)
+            light[side] = unsmoothed(alone, optima[side])[1]
     mean_cell = np.concatenate(light[0].values)
     ocv = pack.block(1 + pack.pairs)
     ocv_nodes = np.array(pack.reduced.layout.ocv_nodes)
     seen = pack.visited_of(1 + pack.pairs)
-    known_v = prepared.cell.average_ocv_v(ocv_nodes)
+    cell_v = prepared.cell.average_ocv_v(ocv_nodes)
     loaded_v = float(prepared.cell.average_ocv_v(np.array([loaded_soc]))[0])
     cells = []
     for side, name in enumerate(names, 1):
-        best = found[side]
+        best = optima[side]
         rows, lightly = (np.concatenate(solution.values) for solution in (best, light[side]))
-        if not own_time_constants:
+        if not has_separate_taus:
             # What is told is at the cell's own, to first order.
             rows, lightly = rows + steps[0][:, side], lightly + steps[1][:, side]
-        told: dict[str, Value] = {}
+        shown: dict[str, Value] = {}
         for what, direction in directions.items():
             # Of what is told by comparison, the values are those of the light fit.
             is_other, level_v = what in (SHIFT, CAPACITY), loaded_v if what == LOADED else 0.0
@@ -177,14 +179,14 @@ def fit_pack(
             common = 0.0 if is_other else reach_of(0, direction)
             reach = math.hypot(reach_of(side, direction), common)
             ends = min(value, near - reach), max(value, near + reach)
-            if is_other and reach > TOLD:
+            if is_other and reach > WIDEST:
                 continue
             if what == CAPACITY:
                 value, *ends = (1 / (1 - end) for end in (value, *ends))
-            told[what] = Value(value, *ends)
-        ocv_v = np.where(seen, known_v + np.concatenate(best.values)[ocv], np.nan)
+            shown[what] = Value(value, *ends)
+        ocv_v = np.where(seen, cell_v + np.concatenate(best.values)[ocv], np.nan)
         rmse_v = math.sqrt(float(best.error @ best.error))
-        cells.append(PackCell(name, rmse_v, pack.tables_at(best), tuple(ocv_v.tolist()), told))
+        cells.append(PackCell(name, rmse_v, pack.tables_at(best), tuple(ocv_v.tolist()), shown))
     return PackFit(tuple(ocv_nodes.tolist()), loaded_soc, tuple(cells))
 
 
@@ -215,15 +217,17 @@ def _directions(
     chosen = is_middle if np.any(is_middle) else visited
     mean_of = chosen / chosen.sum()
     size = sum(len(nodes) for nodes in pack.nodes_of)
-    found = {name: np.zeros(size) for name in QUANTITIES}
-    found[R0][pack.block(0)] = mean_of
+    by_name = {name: np.zeros(size) for name in QUANTITIES}
+    by_name[R0][pack.block(0)] = mean_of
     table = 1 + pack.pairs
     places, ocv_nodes = pack.block(table), pack.nodes_of[table]
     low = float(nodes[chosen][0])
     for resistance in range(table):
-        found[TOTAL][pack.block(resistance)] = mean_of
-        found[LOADED][pack.block(resistance)] = -prepared.capacity_ah * (nodes == low)
-    found[LOADED][places] = np.array([np.interp(low, ocv_nodes, e) for e in np.eye(len(ocv_nodes))])
+        by_name[TOTAL][pack.block(resistance)] = mean_of
+        by_name[LOADED][pack.block(resistance)] = -prepared.capacity_ah * (nodes == low)
+    by_name[LOADED][places] = np.array(
+        [np.interp(low, ocv_nodes, e) for e in np.eye(len(ocv_nodes))]
+    )
 
     seen = np.flatnonzero(pack.visited_of(table))
     ocv_v = prepared.cell.average_ocv_v(ocv_nodes) + mean.values[table]
@@ -232,7 +236,7 @@ def _directions(
     design = slope[:, None] * np.column_stack([np.ones(len(seen)), start - ocv_nodes[seen]])
     variance = variance[places][seen]
     weight = np.where(variance > 0, 1 / np.sqrt(np.where(variance > 0, variance, 1.0)), 0.0)
-    told = np.linalg.pinv(design * weight[:, None]) * weight
-    for name, row in zip((SHIFT, CAPACITY), told, strict=True):
-        found[name][places.start + seen] = row
-    return low, found
+    estimator = np.linalg.pinv(design * weight[:, None]) * weight
+    for name, row in zip((SHIFT, CAPACITY), estimator, strict=True):
+        by_name[name][places.start + seen] = row
+    return low, by_name

@@ -69,15 +69,15 @@ def _layout(
     if all(low == high for low, high in ranges.values()):
         taus_s = {
             max(tau_s * ratio, interval_s / AT_ONCE)
-            for (tau_s, _), own in zip(limits, ratios, strict=True)
-            for ratio in own
+            for (tau_s, _), each in zip(limits, ratios, strict=True)
+            for ratio in each
         }
         in_tau = span_through([math.log(tau_s) for tau_s in sorted(taus_s)])
         in_rate = span_through([-math.log(ranges[RATE][0])]) if RATE in ranges else None
         spans = in_tau, in_rate
     else:
-        fastest_s = min(low * own[-1] for (low, _), own in zip(limits, ratios, strict=True))
-        slowest_s = max(high * own[0] for (_, high), own in zip(limits, ratios, strict=True))
+        fastest_s = min(low * each[-1] for (low, _), each in zip(limits, ratios, strict=True))
+        slowest_s = max(high * each[0] for (_, high), each in zip(limits, ratios, strict=True))
         spans = spans_between(span_ends((fastest_s, slowest_s), ranges.get(RATE), interval_s))
     tables = settings.ocv_correction, settings.half_hysteresis
     return Layout(settings.nodes, settings.nodes_of_ocv, *spans, *tables)
@@ -123,13 +123,13 @@ def box_of(prepared_records: Sequence[Any], settings: TableSettings) -> dict[str
     # logs its rests slowly and its pulses fast, which tell.
     dense_s = min(prepared.dense_interval_s for prepared in prepared_records)
     fastest_s = min(max(min(FASTEST_TAU_S, 2 * interval_s), dense_s / 2), slowest_s)
-    box, known = {}, {OHMIC, RATE}
+    box, allowed = {}, {OHMIC, RATE}
     for names, element in zip(names_of(circuit.elements), circuit.elements, strict=True):
         # The box is of the slowest RC pair that counts.
         ratio = get_element(element).slowest_ratio
         box[names.tau] = ranges.get(names.tau, (fastest_s / ratio, slowest_s / ratio))
-        known |= {names.tau, names.resistance}
-    unknown = ranges.keys() - known
+        allowed |= {names.tau, names.resistance}
+    unknown = ranges.keys() - allowed
     if unknown or (RATE in ranges and not circuit.has_rate):
         raise InputError(
             f"the circuit {circuit.name} has no {', '.join(sorted(unknown)) or RATE} to bound or "
@@ -144,8 +144,8 @@ def box_of(prepared_records: Sequence[Any], settings: TableSettings) -> dict[str
         raise InputError("the bounds leave no range for the time constants; widen them")
     if circuit.has_rate:
         # Held where the records do not tell it, and nothing else is asked for.
-        is_told = settings.half_hysteresis or least_travel_soc(prepared_records) >= BOTH_WAYS_SOC
-        box[RATE] = ranges.get(RATE, RATE_RANGE if is_told else (HELD_GAMMA, HELD_GAMMA))
+        is_shown = settings.half_hysteresis or least_travel_soc(prepared_records) >= BOTH_WAYS_SOC
+        box[RATE] = ranges.get(RATE, RATE_RANGE if is_shown else (HELD_GAMMA, HELD_GAMMA))
     return box
 
 

@@ -73,23 +73,23 @@ def register(
     Where the records leave the axis of SOC so, they stay as they were told.
     """
     plain = replace(settings, folds=0, max_boxes=0)
-    means = [_in_means(own).following(own.dependence) for own in prepared_records]
-    found, moves = list(means), np.empty((0, 4))
-    prior = np.array([told_within(prepared) for prepared in prepared_records])
+    means = [_in_means(prepared).following(prepared.dependence) for prepared in prepared_records]
+    records, moves = list(means), np.empty((0, 4))
+    prior = np.array([prior_sd(prepared) for prepared in prepared_records])
     shifts = np.zeros_like(prior)
     # SOC is scaled so that what was told is right on average.
     shares = (prior**-2.0 / np.sum(prior**-2.0, axis=0))[:, :, None] * np.eye(2)
     to_axis = np.eye(prior.size) - np.tile(shares.reshape(-1, 2).T, (len(prior), 1))
     dependence = prepared_records[0].dependence
     if log_scales:
-        objective, best = solved_at(found, plain, box_of(found, plain), log_scales)
+        objective, best = solved_at(records, plain, box_of(records, plain), log_scales)
     else:
-        objective = reduced_objective(found, plain)
+        objective = reduced_objective(records, plain)
         best = find_best(objective)
-    as_told = objective, best
+    at_first = objective, best
     for number in range(rounds):
         if number:
-            objective, best = solved_at(found, plain, objective.ranges, best.log_scales)
+            objective, best = solved_at(records, plain, objective.ranges, best.log_scales)
             dependence = dependence and polished(objective, best, dependence)[0]
         estimated = estimate(objective, best, of_starts, shifts.ravel(), [prior.ravel()])[0]
         moved = (to_axis @ estimated.values).reshape(shifts.shape)
@@ -101,10 +101,10 @@ def register(
         moved_means = _all_moved(means, prepared_records, moves, dependence)
         if moved_means is None:
             return list(prepared_records)
-        found = [prepared.following(dependence) for prepared in moved_means]
+        records = [prepared.following(dependence) for prepared in moved_means]
         if is_settled:
             break
-    offset = shared_offset(*as_told, prior, best.rms_v)
+    offset = shared_offset(*at_first, prior, best.rms_v)
     shared = {} if offset is None else asdict(offset)
     whole = _all_moved(prepared_records, prepared_records, moves, dependence, **shared)
     return whole or list(prepared_records)
@@ -118,7 +118,7 @@ def _in_means(prepared: PreparedRecord) -> PreparedRecord:
 
 def _all_moved(
     prepared_records: Sequence[PreparedRecord],
-    told: Sequence[PreparedRecord],
+    as_given: Sequence[PreparedRecord],
     moves: Float[np.ndarray, "records four"],
     follows: Dependence | None,
     **shared: float,
@@ -127,7 +127,7 @@ def _all_moved(
     of moves says; None where one of them cannot be."""
     tried = [
         with_start(prepared, given, *move, follows=follows, **shared)
-        for prepared, given, move in zip(prepared_records, told, moves.tolist(), strict=True)
+        for prepared, given, move in zip(prepared_records, as_given, moves.tolist(), strict=True)
     ]
     moved = [prepared for prepared in tried if prepared is not None]
     return moved if len(moved) == len(tried) else None
@@ -147,7 +147,7 @@ def register_alone(prepared: PreparedRecord, settings: TableSettings) -> Prepare
     rest = _far_rest(prepared)
     if rest is None:
         return prepared
-    furthest = FURTHEST * np.array([told_within(prepared)[0], COUNTED_SD])
+    furthest = FURTHEST * np.array([prior_sd(prepared)[0], COUNTED_SD])
     plain = replace(settings, folds=0, max_boxes=0)
 
     def moved(shift: Float[np.ndarray, "two"], *errors: float) -> PreparedRecord | None:
@@ -174,51 +174,51 @@ def register_alone(prepared: PreparedRecord, settings: TableSettings) -> Prepare
     # Beyond its reach the objective is infinite, and infinities are subtracted.
     with np.errstate(invalid="ignore"):
         best = minimize(objective_v2, guess, method="Nelder-Mead", options=options)
-    found = moved(best.x)
-    if found is None or best.fun > (1 - LEAST_FALL) ** 2 * kept.objective_v2:
+    registered = moved(best.x)
+    if registered is None or best.fun > (1 - LEAST_FALL) ** 2 * kept.objective_v2:
         return prepared
     names = objective.ranges
     before = held_out(*solved_at([prepared], settings, names, kept.log_scales))
-    after = held_out(*solved_at([found], settings, names, at))
+    after = held_out(*solved_at([registered], settings, names, at))
     if before is not None and after is not None:
         one, other = after.errors, before.errors
         # Of all samples, or of those above 10 % SOC.
         if one.rmse_v > other.rmse_v or (one.above_v or 0.0) > (other.above_v or math.inf):
             return prepared
     prior = furthest / FURTHEST
-    fitted = solved_at([found], plain, names, at)
+    fitted = solved_at([registered], plain, names, at)
     errors = estimate(*fitted, of_starts, np.zeros(2), [prior])[0].errors
-    return moved(best.x, *errors.tolist()) or found
+    return moved(best.x, *errors.tolist()) or registered
 
 
 def counted_alike(
-    told: Sequence[PreparedRecord], found: Sequence[PreparedRecord]
+    given: Sequence[PreparedRecord], registered: Sequence[PreparedRecord]
 ) -> list[PreparedRecord]:
     """Records registered alone, and charges, whose rests tell nothing, over the capacity that the
     OCV test tells of those: testers of one cell count some percent apart, and its records are
     mostly of one of them."""
-    pairs = list(zip(told, found, strict=True))
-    shares = [own.capacity_ah / one.capacity_ah for one, own in pairs if own is not one]
+    pairs = list(zip(given, registered, strict=True))
+    shares = [after.capacity_ah / one.capacity_ah for one, after in pairs if after is not one]
     if not shares:
-        return list(found)
+        return list(registered)
 
     share = float(np.mean(shares))
 
     def counted(prepared: PreparedRecord) -> PreparedRecord | None:
         if prepared.window.capacity_ah is not None or is_loaded(prepared):
             return prepared
-        move = 0.0, share - 1, *told_within(prepared)
+        move = 0.0, share - 1, *prior_sd(prepared)
         moved = with_start(prepared, prepared, *move, by="OCV test")
         if moved is None:
             return None
         # Where it starts is found as before.
-        known, own_ah = moved.window.registration, share * prepared.capacity_ah
-        window = replace(prepared.window, capacity_ah=own_ah, registration=known)
+        registration, capacity_ah = moved.window.registration, share * prepared.capacity_ah
+        window = replace(prepared.window, capacity_ah=capacity_ah, registration=registration)
         return prepared.in_window(window)
 
-    tried = [counted(own) if own is one else own for one, own in pairs]
+    tried = [counted(after) if after is one else after for one, after in pairs]
     moved = [prepared for prepared in tried if prepared is not None]
-    return moved if len(moved) == len(tried) else list(told)
+    return moved if len(moved) == len(tried) else list(given)
 
 
 class _Rest(NamedTuple):
@@ -235,19 +235,19 @@ def rest_warnings(prepared: PreparedRecord) -> list[Notice]:
     rest = _far_rest(prepared)
     if rest is None:
         return []
-    told = {
+    values = {
         "apart_v": rest.apart_v,
         "soc": float(prepared.soc[rest.sample]),
         "capacity_ah": prepared.capacity_ah,
         "own_ah": prepared.capacity_ah * (1 + rest.share),
     }
     row = int(prepared.record.row[prepared.first + rest.sample])
-    return [Notice("soc.rest-off-ocv", told, prepared.record.name, row)]
+    return [Notice("soc.rest-off-ocv", values, prepared.record.name, row)]
 
 
 def _far_rest(prepared: PreparedRecord) -> _Rest | None:
     """The rest whose voltage is furthest from the OCV; None where none is far."""
-    found: _Rest | None = None
+    farthest: _Rest | None = None
     resting = np.abs(prepared.current_a) < prepared.rest_current_a
     for first, last in zip(*runs(resting), strict=True):
         gone_soc = prepared.start.soc - prepared.soc[last]
@@ -258,18 +258,18 @@ def _far_rest(prepared: PreparedRecord) -> _Rest | None:
         # Between points that are far apart the OCV may be anywhere between theirs.
         around_v = prepared.cell.ocv_around_v(float(prepared.soc[last]))
         apart_v = voltage_v - min(max(voltage_v, min(around_v)), max(around_v))
-        if abs(apart_v) <= (abs(found.apart_v) if found else FAR_V):
+        if abs(apart_v) <= (abs(farthest.apart_v) if farthest else FAR_V):
             continue
         rested_soc = prepared.cell.soc_at_rest(voltage_v)
         if rested_soc is None:
             continue
-        own_soc = prepared.start.soc - rested_soc
-        if own_soc * gone_soc > 0:
-            found = _Rest(int(last), apart_v, float(gone_soc / own_soc - 1))
-    return found
+        shown_soc = prepared.start.soc - rested_soc
+        if shown_soc * gone_soc > 0:
+            farthest = _Rest(int(last), apart_v, float(gone_soc / shown_soc - 1))
+    return farthest
 
 
-def told_within(prepared: PreparedRecord, level_v: float = 0.0) -> tuple[float, float]:
+def prior_sd(prepared: PreparedRecord, level_v: float = 0.0) -> tuple[float, float]:
     """The standard deviations of a record's start and of its capacity, as a share, with an OCV
     whose level is known within `level_v`."""
     start_sd = FULL_SD
@@ -286,7 +286,7 @@ def told_within(prepared: PreparedRecord, level_v: float = 0.0) -> tuple[float, 
 
 def with_start(
     prepared: PreparedRecord,
-    told: PreparedRecord,
+    given: PreparedRecord,
     soc_shift: float,
     share: float,
     soc_error: float,
@@ -297,25 +297,25 @@ def with_start(
     """The record with its start and capacity moved from those of one as it was told, `by` what, as
     `Registration` has it; None where it cannot be, or more of it than before lies far beyond the
     OCV points."""
-    soc, capacity_ah = told.start.soc, told.capacity_ah
-    own, own_ah = soc + soc_shift, capacity_ah * (1 + share)
+    soc, capacity_ah = given.start.soc, given.capacity_ah
+    moved_soc, moved_ah = soc + soc_shift, capacity_ah * (1 + share)
     reach, reach_ah = REACH * soc_error, capacity_ah * REACH * share_error
-    known = Registration(
+    registration = Registration(
         told=prepared.window,
         told_soc=soc,
         told_capacity_ah=capacity_ah,
         told_source=prepared.start.soc_source,
-        soc_low=own - reach,
-        soc_high=own + reach,
-        capacity_low_ah=own_ah - reach_ah,
-        capacity_high_ah=own_ah + reach_ah,
+        soc_low=moved_soc - reach,
+        soc_high=moved_soc + reach,
+        capacity_low_ah=moved_ah - reach_ah,
+        capacity_high_ah=moved_ah + reach_ah,
         follows={} if follows is None else asdict(follows),
         **by,
     )
-    moved = prepared.registered(own, own_ah, registration=known)
+    moved = prepared.registered(moved_soc, moved_ah, registration=registration)
     if moved is None:
         return None
-    is_beyond = any(told.code == "soc.without-ocv" for told in moved.warnings)
+    is_beyond = any(notice.code == "soc.without-ocv" for notice in moved.warnings)
     # Fewer samples would fit better wherever the rest is.
     leaves = is_beyond and np.sum(moved.scored) < np.sum(prepared.scored)
     return None if leaves else moved

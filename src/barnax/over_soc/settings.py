@@ -71,8 +71,8 @@ class TableSettings(TableOptions):
 
 def circuit_name(model: str, over: str | None) -> str:
     """A circuit in a sentence, with what is a table in it: of "ocv" the OCV alone."""
-    known = {None: "", "ocv": " with a fitted OCV", "soc": " with tables over SOC"}
-    return model + known.get(over, " with tables over SOC and temperature")
+    suffixes = {None: "", "ocv": " with a fitted OCV", "soc": " with tables over SOC"}
+    return model + suffixes.get(over, " with tables over SOC and temperature")
 
 
 def table_name(model: str, over: str | None) -> str:

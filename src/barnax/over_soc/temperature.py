@@ -47,8 +47,8 @@ class _Joint:
         scored = np.array([objective.reduced.scored for objective in self.objectives], float)
         return scored / scored.sum()
 
-    def parts_at(self, found: _JointSolution) -> list[tuple[float, TableObjective, Solution]]:
-        return list(zip(self.weights.tolist(), self.objectives, found.parts, strict=True))
+    def parts_at(self, best: _JointSolution) -> list[tuple[float, TableObjective, Solution]]:
+        return list(zip(self.weights.tolist(), self.objectives, best.parts, strict=True))
 
     @property
     def settings(self) -> TableSettings:
@@ -65,8 +65,8 @@ class _Joint:
     def solve(self, log_scales: LogScales, sides=None, exact: bool = False) -> _JointSolution:
         sides = sides or [None] * len(self.objectives)
         parts = tuple(
-            objective.solve(log_scales, own, exact)
-            for objective, own in zip(self.objectives, sides, strict=True)
+            objective.solve(log_scales, active, exact)
+            for objective, active in zip(self.objectives, sides, strict=True)
         )
         objective_v2 = float(self.weights @ [part.objective_v2 for part in parts])
         sides = tuple(part.sides for part in parts)
@@ -75,8 +75,8 @@ class _Joint:
     def least_v2(self, log_scales: Float[np.ndarray, "axes points"]) -> Float[np.ndarray, "points"]:
         return self.weights @ [objective.least_v2(log_scales) for objective in self.objectives]
 
-    def slope(self, found: _JointSolution) -> Float[np.ndarray, "axes"]:
-        pairs = zip(self.objectives, found.parts, strict=True)
+    def slope(self, best: _JointSolution) -> Float[np.ndarray, "axes"]:
+        pairs = zip(self.objectives, best.parts, strict=True)
         return self.weights @ [objective.slope(part) for objective, part in pairs]
 
     def root(self, squares: Sequence[float]) -> float:
@@ -99,8 +99,8 @@ def fit_temperatures(
     settings = settings or TableSettings()
     require_temperatures(by_degc)
     degc = tuple(sorted(by_degc))
-    ranges = box_of([prepared for own in degc for prepared in by_degc[own]], settings)
-    joint = _Joint(tuple(reduced_objective(by_degc[own], settings, ranges) for own in degc))
+    ranges = box_of([prepared for at in degc for prepared in by_degc[at]], settings)
+    joint = _Joint(tuple(reduced_objective(by_degc[at], settings, ranges) for at in degc))
     best = find_best(joint)
     given = zip(joint.objectives, best.parts, strict=True)
     following = tuple(with_asked(objective, part)[0] for objective, part in given)
@@ -175,7 +175,7 @@ def _left_out(
     homes: Sequence[Sequence[PreparedRecord]],
 ) -> tuple[LeftOut, ...]:
     """Every temperature predicted by the others, whose time constants are searched anew."""
-    found = []
+    left_out = []
     for left, objective in enumerate(joint.objectives):
         others = _Joint(joint.objectives[:left] + joint.objectives[left + 1 :])
         anew = polish(others, others.solve(best.log_scales))
@@ -186,21 +186,21 @@ def _left_out(
                 for objective, part in zip(others.objectives, anew.parts, strict=True)
             ),
         )
-        own, of_own = homes[left], objective.tables_at(best.parts[left])
-        found.append(
+        records, identified = homes[left], objective.tables_at(best.parts[left])
+        left_out.append(
             LeftOut(
                 temperature_degc=degc[left],
                 is_between=0 < left < len(degc) - 1,
-                errors=pooled_errors(own, tables.at(degc[left])),
-                own=pooled_errors(own, of_own),
+                errors=pooled_errors(records, tables.at(degc[left])),
+                own=pooled_errors(records, identified),
             )
         )
-    return tuple(found)
+    return tuple(left_out)
 
 
 def _reversals(fits: Sequence[TableFit]) -> tuple[Reversal, ...]:
     """The nodes at which intervals of neighboring temperatures lie apart in both directions."""
-    found = []
+    reversals = []
     for name in (table for table in fits[0].tables.tables if table.endswith("[Ohm]")):
         for soc in fits[0].tables.nodes:
             nodes = [
@@ -211,5 +211,5 @@ def _reversals(fits: Sequence[TableFit]) -> tuple[Reversal, ...]:
             falls = any((two.high or 0.0) < (one.low or 0.0) for one, two in steps)
             rises = any((two.low or 0.0) > (one.high or 0.0) for one, two in steps)
             if falls and rises:
-                found.append(Reversal(name, soc, tuple(node.value for node in nodes)))
-    return tuple(found)
+                reversals.append(Reversal(name, soc, tuple(node.value for node in nodes)))
+    return tuple(reversals)

@@ -130,10 +130,10 @@ class Bench:
         answer = self.registered(chosen)
         if answer is not chosen:
             # A start that was off looks like what a richer circuit has: asked again without it.
-            windows = {own.record.name: own.window for own in answer.objective.prepared_records}
+            windows = {one.record.name: one.window for one in answer.objective.prepared_records}
 
             def prepare(circuit: str) -> list[PreparedRecord]:
-                return [own.in_window(windows[own.record.name]) for own in self.prepare(circuit)]
+                return [one.in_window(windows[one.record.name]) for one in self.prepare(circuit)]
 
             again = replace(self, prepare=prepare)
             chosen = again.fit(answer.point)
@@ -199,17 +199,17 @@ class Bench:
     @in_float64
     def registered(self, chosen: Fitted) -> Fitted:
         """A circuit with starts and capacities of several records registered by each other."""
-        told, settings = self.records_of(chosen.point), self.settings
-        is_told = settings.keep_starts or not settings.ocv_correction or self.limits.has_ocv
-        if is_told or len(told) < 2:
+        given, settings = self.records_of(chosen.point), self.settings
+        is_fixed = settings.keep_starts or not settings.ocv_correction or self.limits.has_ocv
+        if is_fixed or len(given) < 2:
             return chosen
-        own = chosen.objective.settings
-        records = register(told, replace(own, ocv_correction=True))
-        known = records[0].window.registration
-        if known is None or records[0].window == told[0].window:
+        of_point = chosen.objective.settings
+        records = register(given, replace(of_point, ocv_correction=True))
+        registration = records[0].window.registration
+        if registration is None or records[0].window == given[0].window:
             return chosen
-        law = Dependence(**{**known.follows}) if known.follows else None  # pyrefly: ignore
-        objective = reduced_objective([record.following(law) for record in records], own)
+        law = Dependence(**{**registration.follows}) if registration.follows else None  # pyrefly: ignore
+        objective = reduced_objective([record.following(law) for record in records], of_point)
         best = find_best(objective)
         return Fitted(replace(chosen.point, law=law), objective, best, chosen.loss)
 

@@ -10,7 +10,7 @@ from typing import Literal
 
 from ..cell import CellModel, Dependence, get_circuit
 from ..cell.parameters import ANYWHERE, RATE
-from ..over_soc.level import OWN_RATES, with_own_ocv
+from ..over_soc.level import DISTINCT_RATES, with_fitted_ocv
 from ..over_soc.settings import TableSettings
 from ..settings import NODES
 
@@ -100,19 +100,21 @@ class Limits:
 
     def without_rate(self, point: Point) -> Point:
         """The circuit of as many pairs without the hysteresis."""
-        circuits = (own for own, to in self.richer.items() if to.get("hysteresis") == point.circuit)
+        circuits = (
+            name for name, to in self.richer.items() if to.get("hysteresis") == point.circuit
+        )
         *_, circuit = circuits
         return replace(point, circuit=circuit)
 
     def settings_of(self, point: Point, settings: TableSettings) -> TableSettings:
         """How the tables of a point are fitted."""
         if self.has_ocv:
-            return with_own_ocv(replace(settings, nodes=point.nodes), point.circuit)
+            return with_fitted_ocv(replace(settings, nodes=point.nodes), point.circuit)
         is_corrected = settings.ocv_correction and not point.is_constant
         bounds = settings.bounds
         if point.has_rate and not Point(self.start).has_rate and RATE not in settings.ranges:
             # A hysteresis that has to earn itself has a rate of its own.
-            bounds = {**bounds, RATE: OWN_RATES}
+            bounds = {**bounds, RATE: DISTINCT_RATES}
         return replace(settings, nodes=point.nodes, ocv_correction=is_corrected, bounds=bounds)
 
 

@@ -71,9 +71,9 @@ def diagnostics(problem: Problem, covariance: Covariance) -> Diagnostics:
     prepared_records = problem.prepared_records
     interval_s = float(np.median(np.diff(linearization.time_s)))
     time_s = noise.correlation_time_s(interval_s)
-    rest_c = max(prepared.rest_current_a / prepared.capacity_ah for prepared in prepared_records)
-    soc = np.concatenate([own.soc[own.scored] for own in prepared_records])
-    rate = np.concatenate([own.current_a[own.scored] / own.capacity_ah for own in prepared_records])
+    rest_c = max(one.rest_current_a / one.capacity_ah for one in prepared_records)
+    soc = np.concatenate([one.soc[one.scored] for one in prepared_records])
+    rate = np.concatenate([one.current_a[one.scored] / one.capacity_ah for one in prepared_records])
     return Diagnostics(
         lags_s=tuple(noise.lags_s.tolist()),
         autocorrelation=tuple(noise.autocorrelation.tolist()),
@@ -130,10 +130,10 @@ def _bands(
 ) -> tuple[Band, ...]:
     """The bands that hold samples; each includes its lower edge, and is told by its `ends`."""
     total = float(error_v @ error_v)
-    place = np.digitize(quantity, edges) - 1
+    number = np.digitize(quantity, edges) - 1
     bands = []
     for index, (low, high) in enumerate(itertools.pairwise(ends)):
-        inside = error_v[place == index]
+        inside = error_v[number == index]
         if len(inside):
             squares = float(inside @ inside)
             bands.append(
@@ -205,17 +205,17 @@ def _with_upper_ends(
     problem: Problem, parameters: CircuitParameters, uncertainty: Uncertainty
 ) -> Uncertainty:
     """The same with what resistances at their lower bounds are at most."""
-    names = [own.name for own in uncertainty.estimates if own.held == "at lower bound"]
+    names = [one.name for one in uncertainty.estimates if one.held == "at lower bound"]
     names = tuple(name for name in names if name.endswith("[Ohm]"))
     if not names:
         return uncertainty
     covariance = Covariance.of(linearize(problem, parameters, freed=names))
 
-    def bounded(own: Estimate) -> Estimate:
-        direction, _ = covariance.linearization.direction_of(own.name)
-        if own.name not in names or not np.any(direction):
-            return own
-        return replace(own, high=linear_end(own.value, covariance.reach(direction)[1]))
+    def bounded(one: Estimate) -> Estimate:
+        direction, _ = covariance.linearization.direction_of(one.name)
+        if one.name not in names or not np.any(direction):
+            return one
+        return replace(one, high=linear_end(one.value, covariance.reach(direction)[1]))
 
     return replace(uncertainty, estimates=tuple(map(bounded, uncertainty.estimates)))
 
@@ -230,6 +230,6 @@ def examine(problem: Problem, parameters: CircuitParameters, assessment: Assessm
         assessment: Its assessment from `assess`.
     """
     given = {"covariance": assessment.covariance, "objective": ConstantObjective.of(problem)}
-    free = [own.name for own in assessment.uncertainty.estimates if own.relative_error]
+    free = [one.name for one in assessment.uncertainty.estimates if one.relative_error]
     profiles = tuple(profile(problem, parameters, name, **given) for name in free)
     return Examination(rmse_by_scan(problem, [parameters])[0], profiles)

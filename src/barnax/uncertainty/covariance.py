@@ -261,7 +261,7 @@ class Uncertainty(Brief):
         for estimate in self.estimates:
             if estimate.name == name:
                 return estimate
-        raise KeyError(f"{name!r}; there are {', '.join(own.name for own in self.estimates)}")
+        raise KeyError(f"{name!r}; there are {', '.join(one.name for one in self.estimates)}")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -296,13 +296,13 @@ class Covariance(Brief):
         count, free = len(values), len(linearization.names)
         # The noise's own strength, against which what is given of a nuisance weighs.
         weight_v2 = float(np.mean(np.diag(noise.spread_v2))) if count else 0.0
-        told = math.sqrt(weight_v2) * np.eye(count)[free:]
-        orthogonal, triangle = np.linalg.qr(np.vstack([values, told]))
+        priors = math.sqrt(weight_v2) * np.eye(count)[free:]
+        orthogonal, triangle = np.linalg.qr(np.vstack([values, priors]))
         moved = np.linalg.solve(triangle, orthogonal.T)
         spread_v2 = np.asarray(block_diag(noise.spread_v2, weight_v2 * np.eye(count - free)))
         matrix = moved @ spread_v2 @ moved.T
-        told_v = math.sqrt(weight_v2) * linearization.nuisances_sd
-        step = -moved @ np.append(vectors.T @ error_v, told_v)
+        prior_v = math.sqrt(weight_v2) * linearization.nuisances_sd
+        step = -moved @ np.append(vectors.T @ error_v, prior_v)
         to_noise, to_nuisances = np.split(moved[:free].T, [count])
         variance_v2 = float(error_v @ error_v) / max(len(error_v) - free, 1)
         return cls(

@@ -95,22 +95,22 @@ class _Search:
 
     def all(self, names: Sequence[ElementNames]) -> tuple[Undetermined, ...]:
         """All findings. A parameter that one kind is about is left out by the next ones."""
-        told: set[str] = set()
-        found: list[Undetermined] = []
+        covered: set[str] = set()
+        findings: list[Undetermined] = []
 
         def add(more: Iterable[Undetermined]) -> None:
             more = [*more]
-            found.extend(more)
-            told.update(name for finding in more for name in finding.parameters)
+            findings.extend(more)
+            covered.update(name for finding in more for name in finding.parameters)
 
-        pairs = [own for own in names if own.capacitance is not None]
-        add(finding for own in pairs for finding in self.too_fast(own))
-        add(finding for own in pairs for finding in self.too_slow(own))
-        add(finding for two in pairwise(pairs) for finding in self.alike(*two, told))
-        add(self.at_bounds(told))
-        add(self.loose(told))
+        pairs = [pair for pair in names if pair.capacitance is not None]
+        add(finding for pair in pairs for finding in self.too_fast(pair))
+        add(finding for pair in pairs for finding in self.too_slow(pair))
+        add(finding for two in pairwise(pairs) for finding in self.alike(*two, covered))
+        add(self.at_bounds(covered))
+        add(self.loose(covered))
         add(self.weak_directions())
-        return tuple(found)
+        return tuple(findings)
 
     def finding(
         self,
@@ -144,11 +144,11 @@ class _Search:
             yield self.finding("too slow", (tau, resistance), self.estimates[str(capacitance)])
 
     def alike(
-        self, faster: ElementNames, slower: ElementNames, told: set[str]
+        self, faster: ElementNames, slower: ElementNames, covered: set[str]
     ) -> Iterator[Undetermined]:
         """Neighboring time constants whose ratio may be 1, where the sum is better known."""
         first, second = faster.tau, slower.tau
-        if first in told or second in told:
+        if first in covered or second in covered:
             return
         direction_of = self.covariance.linearization.direction_of
         ratio = self.covariance.estimate(
@@ -160,18 +160,18 @@ class _Search:
         total = self.sum_of(resistances)
         reach = math.inf if ratio.high is None else math.log(ratio.high / ratio.value)
         errors = [self.estimates[name].relative_error or 0.0 for name in resistances]
-        own = math.inf if total.relative_error is None else total.relative_error
-        if ratio.relative_error != 0 and are_one(math.log(ratio.value), reach, own, *errors):
+        error = math.inf if total.relative_error is None else total.relative_error
+        if ratio.relative_error != 0 and are_one(math.log(ratio.value), reach, error, *errors):
             yield self.finding("alike", (first, second, *resistances), total)
 
-    def at_bounds(self, told: set[str]) -> Iterator[Undetermined]:
+    def at_bounds(self, covered: set[str]) -> Iterator[Undetermined]:
         for name, why in self.covariance.linearization.held.items():
-            if why != "fixed" and name not in told and name in self.estimates:
+            if why != "fixed" and name not in covered and name in self.estimates:
                 yield self.finding("at bound", (name,))
 
-    def loose(self, told: set[str]) -> Iterator[Undetermined]:
+    def loose(self, covered: set[str]) -> Iterator[Undetermined]:
         for name, estimate in self.estimates.items():
-            is_free = name not in told and estimate.relative_error is not None
+            is_free = name not in covered and estimate.relative_error is not None
             if is_free and not name.startswith("C") and not _is_tight(estimate):
                 yield self.finding("loose", (name,))
 
@@ -195,18 +195,18 @@ class _Search:
         """The best known of the sums of resistances and the capacitances among `names`, where one
         is known far better than its members."""
         resistances = sorted(name for name in names if name.startswith("R"))
-        found = [
+        sharper = [
             total
             for size in range(2, len(resistances) + 1)
             for members in combinations(resistances, size)
             if self.is_sharper(total := self.sum_of(members), members)
         ]
         for name in resistances:
-            own = names_beside(name)
-            tau, capacitance = own.tau, self.estimates.get(own.capacitance or "")
+            pair = names_beside(name)
+            tau, capacitance = pair.tau, self.estimates.get(pair.capacitance or "")
             if tau in names and capacitance and self.is_sharper(capacitance, (name, tau)):
-                found.append(capacitance)
-        return min(found, key=lambda estimate: estimate.relative_error or 0.0, default=None)
+                sharper.append(capacitance)
+        return min(sharper, key=lambda estimate: estimate.relative_error or 0.0, default=None)
 
     def sum_of(self, names: Sequence[str]) -> Estimate:
         """Some resistances together in ohm, with the interval of the sum."""
@@ -222,10 +222,10 @@ class _Search:
     def is_sharper(self, total: Estimate, members: Sequence[str]) -> bool:
         """True where the total is known far better than any of its members."""
         errors = [self.estimates[name].relative_error for name in members]
-        known = [error for error in errors if error is not None]
-        if total.low is None or total.relative_error is None or len(known) < len(errors):
+        given = [error for error in errors if error is not None]
+        if total.low is None or total.relative_error is None or len(given) < len(errors):
             return False
-        return total.relative_error < SHARPER * min(known)
+        return total.relative_error < SHARPER * min(given)
 
 
 def _is_tight(estimate: Estimate) -> bool:

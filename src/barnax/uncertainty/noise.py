@@ -38,7 +38,7 @@ LONGEST_LAG = 1 / 2
 LARGEST_PART = 6.0
 # How the autocovariances scatter is known from a noise that is itself uncertain: each is given such
 # a share of its error besides, and of the largest error, so that none counts as known.
-OWN_ERROR, OF_LARGEST = 0.3, 0.01
+SHARE_OF_ERROR, OF_LARGEST = 0.3, 0.01
 # Of the pairs of samples that an even clock has of a lag, fewer than this share count for less.
 FEW_PAIRS = 1 / 2
 # Noises drawn where samples come in bursts, and the most slots that they are drawn in.
@@ -85,9 +85,9 @@ class Noise:
     ) -> tuple[float, float, float]:
         """The standard error of `direction` . Q' u with another variance `beside` that of the
         noise, half its interval, and its degrees of freedom (Satterthwaite, 1946), limited."""
-        own = float(direction @ self.spread_v2 @ direction)
-        variance = own + beside
-        more = (variance / own) ** 2 if own > 0 else math.inf
+        of_noise = float(direction @ self.spread_v2 @ direction)
+        variance = of_noise + beside
+        more = (variance / of_noise) ** 2 if of_noise > 0 else math.inf
         freedom = max(1.0, min(more * self.degrees_of_freedom(direction), most))
         error = math.sqrt(max(variance, 0.0))
         return error, t_quantile(freedom) * error, freedom
@@ -245,11 +245,11 @@ def fit_gathered(
     spread[0] = np.eye(width)
     within = np.empty((len(edges) - 1, width, width))
     crossed = np.zeros((len(edges) - 1, len(times)))
-    for place, column in enumerate(np.ascontiguousarray(columns.T)):
+    for index, column in enumerate(np.ascontiguousarray(columns.T)):
         smoothed = np.stack([_smoothed(column, time, ends) for time in times])
-        spread[1:, :, place] = smoothed @ columns
+        spread[1:, :, index] = smoothed @ columns
         apart = _at_lags(column, edges)
-        within[:, :, place] = apart @ columns
+        within[:, :, index] = apart @ columns
         crossed += apart @ (smoothed * counts).T
     white = -np.einsum("bii->b", within)
     white[0] += samples
@@ -280,8 +280,8 @@ def fit_gathered(
             spectrum = np.maximum(_mirrored_spectrum(pairs * by_lag, padded), 0.0)
             scatter = _scatter(irfft(spectrum**2, padded), edges) / filled
             weighed = weight[:, None] * scatter * weight
-            own = np.diag(weighed)
-            weighed += np.diag(OWN_ERROR**2 * own + OF_LARGEST**2 * own.max())
+            diagonal = np.diag(weighed)
+            weighed += np.diag(SHARE_OF_ERROR**2 * diagonal + OF_LARGEST**2 * diagonal.max())
             whitening = np.linalg.inv(np.linalg.cholesky(weighed)) * weight
             variance = _variances(expected, measured, whitening)
         return Noise(
@@ -385,9 +385,9 @@ def _at_lags(
     sums = np.append(0.0, np.cumsum(np.pad(values / 2, last)))
     within = np.empty((len(edges) - 1, count))
     nearer = -values / 2
-    for place, edge in enumerate(edges[1:]):
+    for index, edge in enumerate(edges[1:]):
         near = sums[last + edge :][:count] - sums[last - edge + 1 :][:count]
-        np.subtract(near, nearer, out=within[place])
+        np.subtract(near, nearer, out=within[index])
         nearer = near
     return within
 

@@ -77,12 +77,12 @@ def profile(
         if reason != "fixed":
             objective = objective.fixing(other, values[other])
     # What is made of one free parameter alone moves with that.
-    moving = [own for own, share in zip(linearization.names, direction, strict=True) if share]
+    moving = [one for one, share in zip(linearization.names, direction, strict=True) if share]
     moved, sign = (name, 1.0) if len(moving) > 1 else (moving[0], float(direction.sum()))
     rate = () if parameters.gamma is None else (parameters.gamma,)
     scales = tuple(np.log([*parameters.tau_s, *rate]).tolist())
     ordered = problem.bounds.interchangeable_pairs
-    ends, found = {}, dict[float, float]()
+    ends, least_v = {}, dict[float, float]()
     # What a quantity is made of may all move: C is largest where its tau is and its R is smallest.
     box, free = problem.log_coordinates, list(linearization.free)
     lower, upper = (np.asarray(end)[free] for end in (box.lower, box.upper))
@@ -106,10 +106,10 @@ def profile(
                 start = met.log_scales
                 # In another order of the pairs the name belongs to another pair.
                 if np.all(np.diff(start[:ordered]) >= 0):
-                    found[side * step] = met.rms_v
+                    least_v[side * step] = met.rms_v
                     root[step] = math.sqrt(max(met.objective_v2 - best_v**2, 0.0))
         ends[side] = _crossing(root, math.sqrt(threshold_v**2 - best_v**2))
-    steps = sorted(found)
+    steps = sorted(least_v)
     low, high = (
         None if step is None else values[name] * math.exp(side * step)
         for side, step in ends.items()
@@ -118,7 +118,7 @@ def profile(
         name=name,
         value=values[name],
         values=tuple((values[name] * np.exp(steps)).tolist()),
-        rmse_v=tuple(found[step] for step in steps),
+        rmse_v=tuple(least_v[step] for step in steps),
         threshold_v=threshold_v,
         low=low,
         high=high,
@@ -131,7 +131,7 @@ def _crossing(root: dict[float, float], wanted: float) -> float | None:
     The root of the rise is all but linear in the step, and is what is interpolated.
     """
     steps, roots = [*root], [*root.values()]
-    above = next((place for place, height in enumerate(roots) if height > wanted), None)
+    above = next((index for index, height in enumerate(roots) if height > wanted), None)
     if above is None:
         return None
     share = (wanted - roots[above - 1]) / (roots[above] - roots[above - 1])

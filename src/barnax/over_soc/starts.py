@@ -20,7 +20,7 @@ from ..model.window import OCV_MARGIN, Window, first_sample, scored_samples, tem
 from ..notices import Notice
 from ..records import Record
 from ..records.record import in_means
-from .level import cell_of, level_cell, with_own_ocv
+from .level import cell_of, level_cell, with_fitted_ocv
 from .objective import Solution, TableObjective
 from .problem import find_best, reduced_objective, solved_at
 from .registration import MEANS_S, ROUNDS, register
@@ -84,7 +84,7 @@ class Starts(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class OwnRecords:
+class UntestedRecords:
     """Records of one cell without an OCV test, and where they start on the axis of its SOC.
 
     Attributes:
@@ -108,7 +108,7 @@ class OwnRecords:
         windows: Mapping[str, Window],
         settings: TableSettings,
         capacity_ah: float | None = None,
-    ) -> "OwnRecords":
+    ) -> "UntestedRecords":
         """The records on the axis of one capacity, given or the widest span of a record.
 
         Raises `InputError` where that is not known.
@@ -143,7 +143,7 @@ class OwnRecords:
 
     def settings_of(self, circuit: str) -> TableSettings:
         """The settings with a table of the OCV, and one of a dynamic hysteresis."""
-        return with_own_ocv(self.settings, circuit)
+        return with_fitted_ocv(self.settings, circuit)
 
     def prepared(
         self, circuit: str, windows: Mapping[str, Window], cell: CellModel | None = None
@@ -157,14 +157,14 @@ class OwnRecords:
     def starts_by_temperature(self, circuit: str) -> Starts:
         """Where the records start, by the OCV of each temperature. Raises `InputError` where a
         start or a temperature is not known."""
-        known: list[tuple[float, Record]] = []
+        measured: list[tuple[float, Record]] = []
         for record in self.records:
             if (degc := temperature_of(record, self.windows[record.name])) is None:
                 raise Notice("temperature.unknown", subject=record.name).error()
-            known.append((degc, record))
-        groups = group_near(known).values()
-        found = [replace(self, records=alike).starts(circuit) for alike in groups]
-        windows, warnings, directions = zip(*found, strict=True)
+            measured.append((degc, record))
+        groups = group_near(measured).values()
+        starts = [replace(self, records=alike).starts(circuit) for alike in groups]
+        windows, warnings, directions = zip(*starts, strict=True)
         return Starts(
             dict(ChainMap(*windows)), tuple(chain(*warnings)), dict(ChainMap(*directions))
         )
@@ -172,37 +172,37 @@ class OwnRecords:
     def starts(self, circuit: str, simpler: Starts | None = None) -> Starts:
         """Where the records start, by the best tables of a circuit; the starts of a simpler one may
         be known. Raises `InputError` where a start is not known."""
-        told = {
+        windows = {
             record.name: axis_of(record, self.windows[record.name], self.capacity_ah)
             for record in self.records
         }
-        known = [record for record in self.records if told[record.name].soc_source != "own span"]
-        known = known or [max(self.records, key=span_ah_of)]
-        for record in known:
-            require_on_axis(record, told[record.name], self.capacity_ah)
+        fixed = [record for record in self.records if windows[record.name].soc_source != "own span"]
+        fixed = fixed or [max(self.records, key=span_ah_of)]
+        for record in fixed:
+            require_on_axis(record, windows[record.name], self.capacity_ah)
         warnings, turned, directions = list[Notice](), dict[str, Window](), dict[str, float]()
-        if len(known) < len(self.records):
-            cell, *_ = replace(self, records=known)._fitted(circuit, told)
+        if len(fixed) < len(self.records):
+            cell, *_ = replace(self, records=fixed)._fitted(circuit, windows)
             for record in self.records:
-                if record not in known:
+                if record not in fixed:
                     name = record.name
-                    told[name], opposite, against = self._by_rest(record, cell, circuit)
+                    windows[name], opposite, against = self._by_rest(record, cell, circuit)
                     warnings += against
                     turned |= {} if opposite is None else {name: opposite}
         is_open = get_circuit(circuit).has_rate and any(
             prepared.start.direction_source == "assumed"
-            for prepared in self.prepared(circuit, told)
+            for prepared in self.prepared(circuit, windows)
         )
         if turned or is_open:
             # A start would move to make up for a direction that is wrong.
-            _, objective, _, directions = self._fitted(circuit, told, turned)
-            told = windows_of(objective.prepared_records)
+            _, objective, _, directions = self._fitted(circuit, windows, turned)
+            windows = windows_of(objective.prepared_records)
             for one in objective.prepared_records:
                 if (name := one.record.name) in directions:
-                    told[name] = replace(one.window, initial_direction=one.start.direction)
+                    windows[name] = replace(one.window, initial_direction=one.start.direction)
         if len(self.records) > 1 and not self.settings.keep_starts:
-            told = self._registered(circuit, told, simpler)
-        return Starts(told, tuple(warnings), directions)
+            windows = self._registered(circuit, windows, simpler)
+        return Starts(windows, tuple(warnings), directions)
 
     def _by_rest(
         self, record: Record, cell: CellModel, circuit: str
@@ -231,19 +231,19 @@ class OwnRecords:
         return begun, None, against
 
     def _registered(
-        self, circuit: str, told: Mapping[str, Window], simpler: Starts | None
+        self, circuit: str, windows: Mapping[str, Window], simpler: Starts | None
     ) -> dict[str, Window]:
         """The windows with starts and capacities that the records tell each other."""
-        found = dict(told)
+        registered = dict(windows)
         for name, window in (simpler.windows if simpler else {}).items():
-            found[name] = replace(window, initial_direction=told[name].initial_direction)
+            registered[name] = replace(window, initial_direction=windows[name].initial_direction)
         # An OCV of starts that differ is less steep than any record's.
         for rounds in (ROUNDS,) if simpler else (1, ROUNDS):
-            cell, _, best, _ = self._fitted(circuit, found)
-            prepared = self.prepared(circuit, told, cell)
+            cell, _, best, _ = self._fitted(circuit, registered)
+            prepared = self.prepared(circuit, windows, cell)
             settings = self.settings_of(circuit)
-            found = windows_of(register(prepared, settings, rounds, best.log_scales))
-        return found
+            registered = windows_of(register(prepared, settings, rounds, best.log_scales))
+        return registered
 
     def _fitted(
         self,
@@ -258,7 +258,7 @@ class OwnRecords:
         means = [in_means(record, MEANS_S) for record in self.records]
         prepared = replace(self, records=means).prepared(circuit, windows, self.level)
         quick = replace(self.settings_of(circuit), folds=0, max_boxes=0)
-        found, others, has_rate = [*prepared], dict[str, float](), get_circuit(circuit).has_rate
+        better, others, has_rate = [*prepared], dict[str, float](), get_circuit(circuit).has_rate
 
         def left_v(records: Sequence[PreparedRecord]) -> float:
             at = objective.ranges, best.log_scales
@@ -266,19 +266,19 @@ class OwnRecords:
 
         objective = reduced_objective(prepared, quick)
         best = find_best(objective)
-        for place, one in enumerate(prepared):
+        for index, one in enumerate(prepared):
             if not has_rate or one.start.direction_source != "assumed":
                 continue
             window = replace(one.window, initial_direction=-one.start.direction)
             window = (turned or {}).get(one.record.name, window)
             other = prepare_record(one.record, one.cell, circuit, window)
-            tried = [*found[:place], other, *found[place + 1 :]]
-            own_v, other_v = left_v(found), left_v(tried)
-            if other_v < own_v:
-                found, other_v = tried, own_v
+            tried = [*better[:index], other, *better[index + 1 :]]
+            before_v, other_v = left_v(better), left_v(tried)
+            if other_v < before_v:
+                better, other_v = tried, before_v
             others[one.record.name] = other_v
-        if any(one is not other for one, other in zip(found, prepared, strict=True)):
-            objective = reduced_objective(found, quick)
+        if any(one is not other for one, other in zip(better, prepared, strict=True)):
+            objective = reduced_objective(better, quick)
             best = find_best(objective)
         cell = cell_of(objective, best, self.capacity_ah, self.capacity_origin)
         return cell, objective, best, others

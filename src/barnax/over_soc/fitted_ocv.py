@@ -24,18 +24,18 @@ from ..model.window import Window
 from ..notices import Notice
 from .certificate import certify
 from .fit import OcvCompared, TableFit, fit_of
-from .level import cell_of, leveled, with_own_ocv
+from .level import cell_of, leveled, with_fitted_ocv
 from .node_interval import parts_of
 from .nuisances import offset_effect
 from .objective import Solution, TableObjective
-from .own_starts import OwnRecords, Starts, windows_of
 from .problem import box_of, solved_at
 from .settings import TableSettings
+from .starts import Starts, UntestedRecords, windows_of
 from .temperature import TableFits, fit_temperatures, group_by_temperature
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class OwnOcv(Brief):
+class FittedOcv(Brief):
     """A cell whose OCV the records themselves show, and the tables that were fitted with it.
 
     Attributes:
@@ -52,7 +52,7 @@ class OwnOcv(Brief):
 
     cell: CellModel
     windows: Mapping[str, Window]
-    found: TableFits
+    fits: TableFits
     circuit: str
     warnings: tuple[Notice, ...] = ()
     directions: Mapping[str, float] = field(default_factory=dict)
@@ -61,17 +61,19 @@ class OwnOcv(Brief):
     @property
     def fit(self) -> TableFit:
         """The tables, of several temperatures those nearest to 25 degC."""
-        return self.found.reference
+        return self.fits.reference
 
 
-def prove_own(own: OwnRecords, objective: TableObjective, best: Solution, starts: Starts) -> OwnOcv:
+def prove_with_ocv(
+    untested: UntestedRecords, objective: TableObjective, best: Solution, starts: Starts
+) -> FittedOcv:
     """The best tables with their OCV, proved, and all that is known of them."""
     records = objective.prepared_records
     circuit = records[0].circuit
     proof = certify(objective, best)
     # Several records whose rates differ would tell it.
     effect = offset_effect(objective, proof.best) if len(records) == 1 else None
-    cell = cell_of(objective, proof.best, own.capacity_ah, own.capacity_origin)
+    cell = cell_of(objective, proof.best, untested.capacity_ah, untested.capacity_origin)
     fit = fit_of(objective, proof, _with_cell(objective, cell))
     # Of a pair whose time constant ended at the slowest, the OCV takes up what is slower still.
     slowest = {hit.name for hit in fit.at_bound if hit.side == "upper"}
@@ -85,24 +87,24 @@ def prove_own(own: OwnRecords, objective: TableObjective, best: Solution, starts
         for given in (fit.intervals, fit.means)
     )
     fit = replace(fit, of_offset=effect, intervals=intervals, means=means)
-    found = TableFits((fit,), settings=objective.settings)
-    return OwnOcv(cell, windows_of(records), found, circuit, starts.warnings, starts.directions)
+    fits = TableFits((fit,), settings=objective.settings)
+    return FittedOcv(cell, windows_of(records), fits, circuit, starts.warnings, starts.directions)
 
 
-def fit_own_temperatures(own: OwnRecords, circuit: str) -> OwnOcv:
+def fit_temperatures_with_ocv(untested: UntestedRecords, circuit: str) -> FittedOcv:
     """Tables over SOC and an OCV of each temperature, on one axis, with one set of time constants;
     proved already."""
-    starts, settings = own.starts_by_temperature(circuit), own.settings_of(circuit)
-    prepared, cells = own.prepared(circuit, starts.windows), list[CellModel]()
+    starts, settings = untested.starts_by_temperature(circuit), untested.settings_of(circuit)
+    prepared, cells = untested.prepared(circuit, starts.windows), list[CellModel]()
 
     def at_home(objective: TableObjective, best: Solution) -> list[PreparedRecord]:
-        cells.append(cell_of(objective, best, own.capacity_ah, own.capacity_origin))
+        cells.append(cell_of(objective, best, untested.capacity_ah, untested.capacity_origin))
         return _with_cell(objective, cells[-1])
 
     groups = group_by_temperature(prepared)
-    found = fit_temperatures(groups, settings, at_home)
+    fits = fit_temperatures(groups, settings, at_home)
     cell = over_temperatures(dict(zip(groups, cells, strict=True)))
-    return OwnOcv(cell, windows_of(prepared), found, circuit, starts.warnings, starts.directions)
+    return FittedOcv(cell, windows_of(prepared), fits, circuit, starts.warnings, starts.directions)
 
 
 def _with_cell(objective: TableObjective, cell: CellModel) -> list[PreparedRecord]:
@@ -117,7 +119,7 @@ COMPARED_SOC = np.linspace(0.1, 0.9, 81)
 
 
 @in_float64
-def compare_with_own(
+def compare_ocv(
     prepared_records: Sequence[PreparedRecord], fit: TableFit, settings: TableSettings
 ) -> OcvCompared | None:
     """How far an OCV of the records' own is from their cell's, at the time constants of tables that
@@ -125,15 +127,15 @@ def compare_with_own(
     first = prepared_records[0]
     names = box_of(prepared_records, settings)
     log_scales = tuple(math.log(fit.tables.constants[name]) for name in names)
-    settings = with_own_ocv(replace(settings, folds=0))
+    settings = with_fitted_ocv(replace(settings, folds=0))
     records = [one.following(fit.tables.dependence) for one in leveled(prepared_records)]
     objective, best = solved_at(records, settings, names, log_scales, exact=True)
-    nodes, own_v = objective.ocv_at(best)
+    nodes, fitted_v = objective.ocv_at(best)
     seen = nodes[objective.visited_of(objective.names.index(OCV))]
     soc = COMPARED_SOC[(seen.min() <= COMPARED_SOC) & (seen.max() >= COMPARED_SOC)]
     if not len(soc):
         return None
-    apart_v = np.interp(soc, nodes, own_v) - first.cell.average_ocv_v(soc)
+    apart_v = np.interp(soc, nodes, fitted_v) - first.cell.average_ocv_v(soc)
     largest = int(np.argmax(np.abs(apart_v)))
     return OcvCompared(
         median_v=float(np.median(np.abs(apart_v))),

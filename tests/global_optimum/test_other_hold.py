@@ -69,30 +69,6 @@ def test_an_even_clock_leaves_the_hold_open(pchip_cell):
     assert with_better_hold(problem) is problem
 
 
-@pytest.mark.slow
-def test_intervals_span_both_holds_where_they_differ_and_a_warning_says_so(pchip_cell):
-    table = simulated(pchip_cell, 10.0 * np.arange(700), "backward")
-    given = {"cell": pchip_cell, "model": "so-rc", "seeds": 0, "window": WINDOW}
-    assumed, known = (
-        barnax.identify(table, current_hold=hold, **given) for hold in ("auto", "backward")
-    )
-    assert assumed.constant.assessment
-    assert known.constant.assessment
-    wide = assumed.constant.assessment.uncertainty["R0 [Ohm]"]
-    own = known.constant.assessment.uncertainty["R0 [Ohm]"]
-    assert wide.low
-    assert own.low
-    assert own.high
-    assert wide.high
-    # The closed form takes the mean slope of the OCV.
-    assert wide.low <= 1.005 * own.low
-    assert own.low < 0.05 < own.high < wide.value < wide.high
-    (told,) = [each for each in assumed.warnings if each.code == "hold.undecided"]
-    assert f"{1e3 * wide.value:.3g} mOhm as assumed" in told.what
-    assert assumed.constant.hold_shift_ohm == pytest.approx(own.value - wide.value, rel=0.05)
-    assert "hold.undecided" not in {each.code for each in known.warnings}
-
-
 @pytest.mark.parametrize("over", [None, "soc"])
 def test_r0_is_at_most_its_value_where_a_pair_may_be_over_within_a_sample(pchip_cell, over):
     """A pair of 2 s answers in samples of 10 s as R0 does: two cells, one record."""

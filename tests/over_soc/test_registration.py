@@ -253,28 +253,6 @@ def test_a_charge_is_counted_over_the_capacity_that_the_test_tells_of_a_drive_be
 
 
 @pytest.mark.slow
-def test_a_cut_drive_of_an_lfp_cell_and_its_charge_have_tables_with_the_r0_of_steps(real_data):
-    """Once constants of 21 mV were taken, with an R0 of 5.7 mOhm."""
-    folder = real_data / "plett-a123-26650"
-    drive, charge = (folder / f"dyn-s{part}_25degC.parquet" for part in (1, 3))
-    tests = [folder / f"ocv-s{part}_25degC.parquet" for part in (1, 3)]
-    options = {"ocv": tests, "seeds": 0, "trust": "none"}
-    cut = {drive.name: Window(score_to_s=28300.0)}
-    alone = barnax.identify(drive, window=cut, **options)
-    both = barnax.identify([drive, charge], window=cut, **options)
-    held = both.fit.cross_validation.tables
-    # Both directions are predicted as well as one alone was, whose tables miss the charge.
-    assert held.rmse_v < 1.2 * alone.fit.cross_validation.tables.rmse_v
-    missed = alone.validate(charge, Window(score_soc=(0.03, 0.95))).metrics
-    assert held.rmse_v < 0.5 * missed.rmse_v
-    record = read_record(drive)
-    step = np.abs(np.diff(record.current_a)) > 5
-    stepped_ohm = -np.median(np.diff(record.voltage_v)[step] / np.diff(record.current_a)[step])
-    r0_ohm = both.fit.tables.at("R0 [Ohm]", np.array([0.5]))[0]
-    assert r0_ohm == pytest.approx(stepped_ohm, rel=0.05)
-
-
-@pytest.mark.slow
 def test_tables_of_an_lfp_drive_hold_on_its_charge_once_both_are_on_one_axis(real_data):
     """As told they are 48 mV off, 110 to 360 of that below 5 % SOC."""
     folder = real_data / "plett-a123-26650"

@@ -93,25 +93,6 @@ def test_the_degrees_of_freedom_tell_how_much_the_fitted_variance_scatters(simul
     np.testing.assert_allclose(np.median(freedom, axis=0) * scatter / 2, 1.0, atol=0.5)
 
 
-@pytest.mark.slow
-def test_bursts_of_samples_have_the_degrees_of_freedom_that_their_variances_scatter_by():
-    """As in a pulse test: 40 samples a second apart, then one a minute."""
-    burst, rest = np.arange(40.0), np.arange(60.0, 600.0, 60.0)
-    time_s = np.concatenate([600.0 * k + each for k in range(6) for each in (burst, rest)])
-    step = np.tile(np.append(np.arange(40.0) % 20 < 10, np.zeros(len(rest))), 6)
-    column = orthonormal(step[:, None])
-    root = np.linalg.cholesky(np.exp(-np.abs(time_s[:, None] - time_s) / 5.0))
-    noise_v = np.random.default_rng(3).normal(size=(60, len(time_s))) @ root.T
-    fits = [fit_noise(each - column[:, 0] * (each @ column), column, time_s) for each in noise_v]
-    scatter = (
-        np.var([each.spread_v2 for each in fits]) / np.mean([each.spread_v2 for each in fits]) ** 2
-    )
-    freedom = np.array([each.degrees_of_freedom(np.ones(1)) for each in fits])
-    assert np.median(freedom) * scatter / 2 == pytest.approx(1.0, abs=0.5)
-    # No single record says that it knows next to nothing.
-    assert freedom.min() > 1.0
-
-
 def test_a_fit_that_follows_much_of_every_burst_knows_its_noise_as_well_as_it_scatters():
     """As tables do in a pulse test: three unknowns a burst, and ten samples read in one slot."""
     burst, rest = np.arange(0.0, 60.0, 0.5), np.arange(90.0, 900.0, 60.0)

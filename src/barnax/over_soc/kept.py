@@ -74,6 +74,10 @@ class Grid:
                 "kept; use so-rc or iso-rc, or keep none"
             )
 
+    def __str__(self) -> str:
+        nodes = ", ".join(f"{node:g}" for node in self.nodes)
+        return f"{self.low_s:g} to {self.high_s:g} s, {self.circuit}, {self.ocv}, nodes {nodes}"
+
     @property
     def is_constant(self) -> bool:
         return len(self.nodes) == 1
@@ -227,7 +231,11 @@ def fit_kept(kept: Sequence[Kept], settings: TableSettings | None = None) -> Tab
     first = kept[0]
     for record in kept:
         if record.grid != first.grid:
-            raise InputError(_other_grid(first, record))
+            raise InputError(
+                f"{record.name}: its factor is on another grid than that of {first.name}: "
+                f"{record.grid} instead of {first.grid}; keep factors of all records with the same "
+                "options"
+            )
     objective = objective_of(kept, settings or TableSettings())
     best = find_best(objective)
     return fit_of(
@@ -273,19 +281,3 @@ def _without_noise(objective: TableObjective, best: Solution) -> tuple[NodeInter
     for name in objective.names[: 1 + objective.pairs]:
         values[name, None] = float(mean_weights(objective, name) @ rows)
     return tuple(NodeInterval(*key, value, 0.0, 0.0, None, None) for key, value in values.items())
-
-
-def _other_grid(first: Kept, other: Kept) -> str:
-    """The difference between the grids of two records, in words."""
-    one, two = first.grid, other.grid
-    differences = {
-        "time constants": tuple(f"{g.low_s:g} to {g.high_s:g} s" for g in (one, two)),
-        "circuits": (one.circuit, two.circuit),
-        "OCVs": (one.ocv, two.ocv),
-        "nodes": tuple(", ".join(f"{node:g}" for node in g.nodes) for g in (one, two)),
-    }
-    what, (mine, others) = next(pair for pair in differences.items() if pair[1][0] != pair[1][1])
-    return (
-        f"{other.name}: its factor is on another grid than that of {first.name}: {what} {others} "
-        f"instead of {mine}; keep factors of all records with the same options"
-    )

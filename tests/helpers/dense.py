@@ -4,12 +4,11 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.stats import t as student
 
-from barnax.cell import OcvPoint, OcvTable, characterize
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
 from barnax.over_soc.settings import TableSettings
 from barnax.uncertainty.noise import fit_noise
-from helpers.known_cell import ocv_v
+from helpers.known_cell import cell_with_ocv, ocv_v
 from helpers.problems import drive_a
 from helpers.reference import banded_response, drop_v, make_record
 
@@ -19,14 +18,6 @@ BOX = {"tau1 [s]": (2.0, 30.0), "tau2 [s]": (20.0, 200.0)}
 LOG_SCALES = tuple(np.log(TAU_S).tolist())
 # Of a difference by the logarithm of a time constant.
 STEP = 1e-4
-
-
-def known_cell():
-    """A cell with the OCV of `known_cell`."""
-    soc = np.linspace(0.0, 1.0, 101)
-    points = zip(soc.tolist(), ocv_v(soc).tolist(), strict=True)
-    table = OcvTable("test", {0: tuple(OcvPoint(*pair, "test", 1, 0.0) for pair in points)}, "")
-    return characterize([table], capacity_ah=CAPACITY_AH, ocv_fit="interpolated")
 
 
 def made_record(samples=60, seed=0, noise_v=1e-3, start=0.9, interval_s=10.0, scale=1.0, **given):
@@ -42,7 +33,7 @@ def made_record(samples=60, seed=0, noise_v=1e-3, start=0.9, interval_s=10.0, sc
 
 
 def prepared_of(record, circuit="so-rc", soc=0.9):
-    return prepare_record(record, known_cell(), circuit, Window(initial_soc=soc))
+    return prepare_record(record, cell_with_ocv(CAPACITY_AH), circuit, Window(initial_soc=soc))
 
 
 def hats(soc, nodes):

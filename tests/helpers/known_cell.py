@@ -1,5 +1,6 @@
 """A cell of which everything is known: its OCV, its circuit, and drives from any start."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -26,15 +27,22 @@ def ocv_v(soc):
     return 3.3 + 0.7 * soc + 0.15 * np.tanh((soc - 0.05) / 0.06) + 0.08 * soc**6
 
 
-def cell_with_branches(half_gap_v: float, capacity_ah: float = 2.0) -> CellModel:
-    """The cell as an OCV test shows it whose branches are so far from their mean, in V."""
-    soc = np.linspace(0.0, 1.0, 101)
+def cell_with_ocv(
+    capacity_ah: float = 2.0,
+    half_gap_v: float | None = None,
+    curve: Callable[[np.ndarray], np.ndarray] = ocv_v,
+    points: int = 101,
+    swept_a: float = 0.0,
+) -> CellModel:
+    """The cell as an OCV test at so many points shows it: one curve, or branches so far from it in
+    V that were swept by a current."""
+    soc = np.linspace(0.0, 1.0, points)
     branches = {
         side: tuple(
-            OcvPoint(*pair, "test", 1, 0.0)
-            for pair in zip(soc.tolist(), (ocv_v(soc) + side * half_gap_v).tolist(), strict=True)
+            OcvPoint(*pair, "test", 1, 0.0, current_a=-side * swept_a)
+            for pair in zip(soc, curve(soc) + side * (half_gap_v or 0.0), strict=True)
         )
-        for side in (-1, 1)
+        for side in ((0,) if half_gap_v is None else (-1, 1))
     }
     table = OcvTable("test", branches, "")
     return characterize([table], capacity_ah=capacity_ah, ocv_fit="interpolated")

@@ -6,7 +6,7 @@ import pytest
 from barnax.model.prepared import prepare_record
 from barnax.model.steps import steps_of
 from barnax.model.window import Window
-from helpers.known_cell import cell_with_branches, ocv_v
+from helpers.known_cell import cell_with_ocv, ocv_v
 from helpers.reference import filtered_response, make_record
 
 R0_OHM, R_OHM, TAU_S = 0.1, (0.01, 0.015, 0.02), (4.0, 60.0, 700.0)
@@ -25,7 +25,7 @@ def titrated(noise_v=0.0, seed=0, rest_s=2400):
     voltage_v += noise_v * np.random.default_rng(seed).standard_normal(len(soc))
     record = make_record(time_s, current_a, voltage_v)
     window = Window(initial_soc=1.0, capacity_ah=2.0)
-    return prepare_record(record, cell_with_branches(0.0), "so-rc", window)
+    return prepare_record(record, cell_with_ocv(half_gap_v=0.0), "so-rc", window)
 
 
 def test_steps_show_r0_and_what_pairs_answer_in_a_second():
@@ -46,6 +46,6 @@ def test_an_answer_is_read_a_second_later_where_samples_are_dense_after_steps():
     current_a = np.where(time_s // 60 % 2, 0.5, 0.0)
     record = make_record(time_s, current_a, 3.7 - 0.1 * current_a)
     window = Window(initial_soc=0.9, capacity_ah=2.0)
-    before, after = steps_of(prepare_record(record, cell_with_branches(0.0), "so-rc", window))
+    before, after = steps_of(prepare_record(record, cell_with_ocv(half_gap_v=0.0), "so-rc", window))
     assert len(before) > 90
     np.testing.assert_allclose(time_s[after] - time_s[before + 1], 1.0, atol=0.02)

@@ -13,10 +13,7 @@ from barnax import InputError
 from barnax.cell import (
     CircuitParameters,
     Dependence,
-    OcvPoint,
-    OcvTable,
     TemperatureTables,
-    characterize,
 )
 from barnax.cell.dependence import arrhenius_beta, between, heat_of
 from barnax.model.prepared import prepare_record
@@ -24,7 +21,7 @@ from barnax.model.window import Window
 from barnax.over_soc.intervals import intervals_of
 from barnax.over_soc.problem import reduced_objective
 from barnax.over_soc.settings import TableSettings
-from helpers.known_cell import FEW_NODES, R0_OHM, SMALL, TAU_S, made, ocv_v
+from helpers.known_cell import FEW_NODES, R0_OHM, SMALL, TAU_S, cell_with_ocv, made, ocv_v
 from helpers.reference import make_record
 
 BETA, REFERENCE_DEGC = 0.06, 10.0
@@ -233,10 +230,7 @@ def test_a_record_that_only_discharges_tells_no_difference_of_resistances():
 def test_what_may_be_anything_has_no_interval(kappa_per_a2):
     """A heat so weak that no sample tells its logarithm."""
     record, _ = made(noise_v=5e-3)
-    soc = np.linspace(0.0, 1.0, 101).tolist()
-    curve = OcvTable("known", {0: tuple(OcvPoint(x, ocv_v(x), "", 0, 0.0) for x in soc)}, "")
-    cell = characterize([curve], capacity_ah=2.0, ocv_fit="interpolated")
-    prepared = prepare_record(record, cell, "so-rc", Window(initial_soc=1.0))
+    prepared = prepare_record(record, cell_with_ocv(), "so-rc", Window(initial_soc=1.0))
     weak = Dependence(kappa_per_a2=kappa_per_a2, heating_tau_s=1000.0)
     held = {"tau1 [s]": (TAU_S[0],) * 2, "tau2 [s]": (TAU_S[1],) * 2}
     objective = reduced_objective([prepared.following(weak)], TableSettings(), held)

@@ -25,7 +25,7 @@ from helpers.dense import (
     prepared_of,
     reaches_of,
 )
-from helpers.known_cell import cell_with_branches, ocv_v
+from helpers.known_cell import cell_with_ocv, ocv_v
 from helpers.problems import drive_a
 from helpers.reference import banded_response, drop_v, make_record
 
@@ -92,7 +92,7 @@ def r0_interval(prepared):
 def test_r0_is_in_its_interval_where_the_ocv_test_has_less_hysteresis_than_the_cell():
     """The test has branches 14 mV apart, the cell 16 mV: what switches beyond the test's looks like
     R0, by the regression of the direction on the current."""
-    cell = cell_with_branches(0.007, CAPACITY_AH)
+    cell = cell_with_ocv(CAPACITY_AH, 0.007)
     window = Window(initial_soc=0.9, initial_direction=-1)
     hits, moved, widths = [], [], []
     for seed in range(12):

@@ -8,7 +8,7 @@ import pytest
 
 import barnax
 from barnax.bundled import BUNDLED
-from barnax.cell import OcvPoint, OcvTable, characterize
+from barnax.cell import characterize
 from barnax.cell.parameters import RATE
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
@@ -21,7 +21,7 @@ from barnax.pipeline import _between_ends, _registered
 from barnax.records import read_record
 from barnax.reporting.view import View
 from barnax.reporting.wording import sentences
-from helpers.known_cell import FEW_NODES, R0_OHM, R_OHM, SMALL, TAU_S, made, ocv_v
+from helpers.known_cell import FEW_NODES, R0_OHM, R_OHM, SMALL, TAU_S, cell_with_ocv, made, ocv_v
 from helpers.problems import drive_a, simulated_record
 from helpers.reference import drop_v, filtered_response, make_record
 
@@ -172,11 +172,7 @@ def flat_v(soc):
 
 
 def prepared_with(record, capacity_ah, points=401):
-    soc = np.linspace(0.0, 1.0, points)
-    pairs = zip(soc.tolist(), flat_v(soc).tolist(), strict=True)
-    points = tuple(OcvPoint(*each, "test", 1, 3600.0) for each in pairs)
-    test = OcvTable("test", {0: points}, sha256="")
-    cell = characterize([test], capacity_ah=capacity_ah, ocv_fit="interpolated")
+    cell = cell_with_ocv(capacity_ah, curve=flat_v, points=points)
     return prepare_record(record, cell, "so-rc", Window(initial_soc=1.0))
 
 
@@ -328,14 +324,7 @@ def test_a_rest_between_far_points_of_a_steep_ocv_speaks_for_no_other_capacity(e
 
 @pytest.fixture(scope="module")
 def flat_cell():
-    soc = np.linspace(0.0, 1.0, 401)
-    branches = {}
-    for direction in (-1, 1):
-        voltage_v = flat_v(soc) - 0.07 * soc + 0.015 * direction
-        pairs = zip(soc.tolist(), voltage_v.tolist(), strict=True)
-        branches[direction] = tuple(OcvPoint(*pair, "test", 1, 3600.0) for pair in pairs)
-    test = OcvTable("test", branches, sha256="")
-    return characterize([test], capacity_ah=2.0, ocv_fit="interpolated")
+    return cell_with_ocv(2.0, 0.015, lambda soc: flat_v(soc) - 0.07 * soc, 401)
 
 
 def counted_between(cell, **records):

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from barnax.cell import OcvPoint, OcvTable, characterize
 from barnax.cell.parameters import ANYWHERE
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
@@ -16,7 +15,7 @@ from barnax.over_soc.problem import coarsened, find_best, reduced_objective
 from barnax.over_soc.settings import TableSettings
 from barnax.select.choose import Bench, Fitted, choose
 from barnax.select.family import NODE_LADDER, Limits, Point, limits_of
-from helpers.known_cell import ocv_v
+from helpers.known_cell import cell_with_ocv, ocv_v
 from helpers.reference import make_record
 
 CAPACITY_AH = 2.0
@@ -25,9 +24,7 @@ NOISE_V = 5e-4
 
 @pytest.fixture(scope="module")
 def cell():
-    soc = np.linspace(0.0, 1.0, 101).tolist()
-    curve = OcvTable("known", {0: tuple(OcvPoint(x, ocv_v(x), "", 0, 0.0) for x in soc)}, "")
-    return characterize([curve], capacity_ah=CAPACITY_AH, ocv_fit="interpolated")
+    return cell_with_ocv(CAPACITY_AH)
 
 
 def driven(cell, tau_s, r_ohm, r0_ohm=0.03, bend=0.0, seed=0, half_gap_v=0.0):
@@ -90,18 +87,7 @@ def test_resistances_that_bend_with_soc_get_nodes(cell):
 )
 def test_a_switched_hysteresis_is_chosen_where_the_test_has_its_gap(swept_a, half_gap_v):
     """The smaller one where it was measured at rest, one worth a tenth of the error by a sweep."""
-    soc = np.linspace(0.0, 1.0, 101)
-    branches = {
-        direction: tuple(
-            OcvPoint(x, v, "", 0, 0.0, current_a=-direction * swept_a)
-            for x, v in zip(
-                soc.tolist(), (ocv_v(soc) + direction * half_gap_v).tolist(), strict=True
-            )
-        )
-        for direction in (-1, 1)
-    }
-    table = OcvTable("known", branches, "")
-    gapped = characterize([table], capacity_ah=CAPACITY_AH, ocv_fit="interpolated")
+    gapped = cell_with_ocv(CAPACITY_AH, half_gap_v, swept_a=swept_a)
     choice = chosen(gapped, driven(gapped, (8.0, 150.0), (0.01, 0.02), half_gap_v=half_gap_v))
     assert choice.chosen.point.circuit == "iso-rc"
     assert choice.chosen.best.rms_v == pytest.approx(NOISE_V, rel=0.1)

@@ -17,7 +17,7 @@ from barnax.model.window import Window
 from barnax.search.evaluate import hysteresis_state, nuisance_columns
 from barnax.uncertainty import assess
 from barnax.uncertainty.covariance import Covariance
-from helpers.known_cell import cell_with_branches, ocv_v
+from helpers.known_cell import cell_with_ocv, ocv_v
 from helpers.noisy_fits import SAMPLES, TRUTH, fit, made_problem, white_noise
 from helpers.problems import drive_a
 from helpers.records import CURRENT, TIME, VOLTAGE, simulated_cell
@@ -197,7 +197,7 @@ def turned(current_a, interval_s, gamma, capacity_ah):
 def test_resistances_are_in_their_intervals_where_the_test_has_more_hysteresis_than_the_cell():
     """The test has branches 14 mV apart, the cell 8 mV: what moves less than the test says looks
     like a slow pair, which is off by several of its errors."""
-    cell = cell_with_branches(0.007)
+    cell = cell_with_ocv(half_gap_v=0.007)
     window = Window(initial_soc=0.9, initial_direction=-1)
     time_s, hits, widths = 2.0 * np.arange(900), [], []
     for seed in range(8):

@@ -149,9 +149,9 @@ class TableFit(Brief):
         means = (self._fact(mean, is_mean=True) for mean in self.means)
         return (*facts, *means, *map(self._fact, self.of_table(OCV)))
 
-    def _fact(self, interval: NodeInterval, **changed: Any) -> Fact:
-        is_over_soc = interval.soc is not None or "is_mean" in changed
-        shown = interval.on_another_record if self.are_of_another_record and is_over_soc else interval
+    def _fact(self, node: NodeInterval, **changed: Any) -> Fact:
+        is_over_soc = node.soc is not None or "is_mean" in changed
+        shown = node.on_another_record if self.are_of_another_record and is_over_soc else node
         return Fact(**vars(shown) | changed)
 
 

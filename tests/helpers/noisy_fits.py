@@ -35,7 +35,7 @@ class Fit:
 
 def fit(problem: Problem, start: CircuitParameters = TRUTH) -> Fit:
     """The optimum next to `start`."""
-    seed = SeedAnswer(1.0, start, np.ones(1), 0, 0)
+    seed = SeedAnswer(1.0, start, 0, 0)
     refinement = refine(Search.of(problem, make_optimizer("ibmo", 12, 40), 0, (seed,)))
     return Fit(problem, refinement.parameters, refinement.rmse_v)
 

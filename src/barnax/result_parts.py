@@ -157,8 +157,8 @@ class Candidate:
     def of(cls, model: str, over: str | None, evaluations: Evaluations, *given: Any) -> "Candidate":
         """The candidate with the errors of its evaluations."""
         validation_v = tuple(one.metrics.rmse_v for one in evaluations.validation)
-        scored = [(one, one.prepared.scored) for one in evaluations.identification]
-        together = SocErrors.of((one.error_v[at], one.prepared.soc[at]) for one, at in scored)
+        soc, error_v = scored_errors(evaluations.identification)
+        together = SocErrors.of([(error_v, soc)])
         return cls(model, over, together, validation_v, *given)
 
 

@@ -41,8 +41,8 @@ class Profile(NamedTuple):
 
     time_s: Float[np.ndarray, "samples"]
     current_a: Float[np.ndarray, "samples"]
-    names: tuple[str, str] = ("the time", "the current")
-    temperature_degc: Float[np.ndarray, "samples"] | None = None
+    names: tuple[str, str]
+    temperature_degc: Float[np.ndarray, "samples"] | None
 
 
 def simulate_frame(
@@ -55,11 +55,10 @@ def simulate_frame(
 ) -> Any:
     """The columns that `Result.simulate` gives, of the same kind as `current`."""
     if time is not None:
-        profile = Profile(_numbers("time", time), _numbers("current", current))
+        current = {"Time [s]": time, "Current [A]": current}
     elif isinstance(current, list | tuple) or (hasattr(current, "ndim") and current.ndim == 1):
         raise InputError(f"{NAME} has no times; give them in s as the second argument")
-    else:
-        profile = _columns(current)
+    profile = _columns(current)
     _require_numbers(profile)
     time_s, current_a, *_ = profile
     given |= {"temperature_degc": temperature_degc, "measured_degc": profile.temperature_degc}
@@ -73,19 +72,12 @@ def simulate_frame(
         "Voltage [V]": simulated.voltage_v,
         "SOC": simulated.soc,
     }
-    if time is not None or isinstance(current, Mapping):
+    if isinstance(current, Mapping):
         return columns
     # Only data frames need it.
     import narwhals as nw
 
     return nw.from_dict(columns, backend=nw.get_native_namespace(current)).to_native()
-
-
-def _numbers(name: str, values: Any) -> np.ndarray:
-    try:
-        return np.asarray(values, float)
-    except (TypeError, ValueError) as problem:
-        raise InputError(f"the {name} is not all numbers ({problem})") from problem
 
 
 def _columns(frame: Any) -> Profile:

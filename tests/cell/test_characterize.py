@@ -7,10 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from barnax.bundled import BUNDLED
 from barnax.cell import OcvPoint, OcvTable, characterize
 from barnax.errors import InputError
-from barnax.records import read_record
 from helpers.ocv_tests import (
     CAPACITY_AH,
     REST,
@@ -182,12 +180,6 @@ def scaled(record, factor: float):
     return replace(record, current_a=record.current_a * factor)
 
 
-def test_a_test_between_cutoffs_measures_its_capacity():
-    cell = characterize([between_cutoffs()])
-    assert assumptions(cell) == []
-    assert cell.capacity_origin.startswith("measured")
-
-
 def test_a_test_that_only_reaches_empty_does_not_show_that_it_began_full():
     parts = half_discharge()[:-63], REST, pulses(+1, 10, share=0.475)
     cell = characterize([driven(*parts, start_soc=0.5)])
@@ -220,13 +212,6 @@ def test_a_slow_sweep_measures_its_capacity_and_scales_itself():
     # The last loaded sample is one minute of twenty hours short of empty.
     assert given.soc_range == pytest.approx((0.0, 1.0), abs=1e-3)
     assert "ocv-test.scaled" not in {each.code for each in given.warnings}
-
-
-def test_the_bundled_test_measures_its_capacity():
-    cell = characterize([read_record(path) for path in BUNDLED.ocv])
-    assert cell.capacity_origin.startswith("measured")
-    assert cell.capacity_ah == pytest.approx(1.9997, abs=5e-5)
-    assert assumptions(cell) == []
 
 
 def test_a_charge_that_stops_at_92_percent_is_scaled_by_the_capacity():

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from barnax.cell import characterize
-from barnax.errors import InputError
 from barnax.records import read_record
 
 INCREMENTAL = "calce-inr18650-20r/ocv-incremental_25degC_SP20-3.parquet"
@@ -46,15 +45,6 @@ def test_the_samsung_test_measures_the_published_capacity(samsung):
     assert samsung.warnings == ()
 
 
-def test_both_branches_of_the_samsung_cell_share_one_axis(incremental):
-    cell = characterize([incremental], capacity_ah=2.0, ocv_fit="interpolated")
-    assert (len(cell.discharge_points), len(cell.charge_points)) == (11, 12)
-    assert cell.discharge_points[-1].soc == 1.0
-    assert cell.discharge_points[0].soc == pytest.approx(0.0020, abs=1e-4)
-    assert cell.charge_points[0] == cell.discharge_points[0]
-    assert cell.charge_points[-1].soc == pytest.approx(0.9879, abs=1e-4)
-
-
 def test_the_lfp_cell_has_the_published_gap_at_c_30(real_data: Path):
     folder = real_data / "plett-a123-26650"
     records = [read_record(folder / f"ocv-{name}_25degC.parquet") for name in ("s3", "s1")]
@@ -80,19 +70,6 @@ def test_the_leaf_hppc_test_is_a_discharge_of_long_rests(real_data: Path):
     cell = characterize([record], capacity_ah=33.1, ocv_fit="interpolated")
     assert (len(cell.discharge_points), len(cell.charge_points)) == (10, 0)
     assert cell.discharge_points[-1].voltage_v == pytest.approx(4.182, abs=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("name", "found"),
-    [
-        ("calce-inr18650-20r/dst_25degC_80soc_SP20-2.parquet", "it has 2 rests"),
-        ("calce-inr18650-20r/us06_25degC_50soc_SP20-2.parquet", "longest rest is 10.1 min"),
-        ("plett-a123-26650/dyn-s1_25degC.parquet", "longest rest is 15.0 min"),
-    ],
-)
-def test_a_drive_cycle_is_refused_as_an_ocv_test(real_data: Path, name, found):
-    with pytest.raises(InputError, match=found):
-        characterize([read_record(real_data / name)])
 
 
 def test_the_virtual_cell_has_the_gap_that_was_put_into_its_graphite():

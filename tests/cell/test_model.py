@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -34,14 +32,6 @@ def test_a_rested_voltage_is_the_nearest_end_up_to_50_mv_outside(cell, end, outw
     assert cell.soc_from_rest_voltage(end_v + outward * 49.9e-3) == end
     with pytest.raises(InputError, match=r"the OCV test is of this cell .*`initial_soc`"):
         cell.soc_from_rest_voltage(end_v + outward * 50.1e-3)
-
-
-def test_no_ocv_test_is_blamed_where_there_is_none(cell):
-    points = [replace(point, row=0) for point in cell.charge_points + cell.discharge_points]
-    own = replace(cell, charge_points=tuple(points), discharge_points=())
-    with pytest.raises(InputError, match=r"the records show.*`initial_soc`") as told:
-        own.soc_from_rest_voltage(5.0)
-    assert "OCV test" not in str(told.value)
 
 
 def test_a_rested_voltage_where_a_branch_is_constant_is_its_lowest_soc():

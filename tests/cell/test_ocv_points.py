@@ -200,10 +200,6 @@ def test_a_test_with_finer_pulses_toward_both_ends_shows_no_cutoff():
     assert not by_pulses(0.05, 0.05, *[0.1] * 8, 0.05, 0.05).stops_at_cutoff
 
 
-def test_a_slow_sweep_stops_at_the_cutoff():
-    assert sweep_at([0.0, 1.0, 2.0], kind="slow").stops_at_cutoff
-
-
 @pytest.mark.parametrize("direction", [-1, 1])
 def test_parts_on_axes_of_their_own_are_joined_to_the_whole(direction):
     at_ah = np.linspace(0, 2, 10)[::-direction]

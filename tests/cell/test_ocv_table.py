@@ -84,9 +84,3 @@ def test_what_a_file_is_decides_how_it_is_read(tmp_path):
     assert isinstance(read_ocv_test(written(tmp_path, pulse_frame())), Record)
     with_soc = pulse_frame().with_columns(pl.lit(0.5).alias("SOC [-]"))
     assert isinstance(read_ocv_test(written(tmp_path, with_soc)), Record)
-
-
-def test_an_option_that_an_ocv_test_does_not_have_is_refused(tmp_path):
-    reading = {"columns": "SOC=SOC [-]"}
-    with pytest.raises(TypeError, match="unexpected keyword argument 'columns'"):
-        read_ocv_test(written(tmp_path, ONE), **reading)

@@ -181,11 +181,6 @@ def test_two_commands_cannot_write_to_one_folder(tmp_path, monkeypatch):
     assert len(refused) == 1
 
 
-def test_an_id_that_stands_twice_is_refused(tmp_path, computed):
-    with pytest.raises(InputError, match="the id 'a' occurs twice"):
-        identify_fleet(cells_of("aba"), tmp_path, executor=AtOnce())
-
-
 def test_an_unknown_method_is_refused_before_any_cell(tmp_path, computed):
     with pytest.raises(InputError, match="`method` 'magic' is not known; there are"):
         identify_fleet(cells_of("a"), tmp_path, executor=AtOnce(), settings={"method": "magic"})

@@ -1,13 +1,8 @@
 """One logger of a fleet: a sample of its files decides for all, whoever identifies which."""
 
-from dataclasses import replace
-from pathlib import Path
-
 import polars as pl
 import pytest
 
-from barnax.errors import InputError
-from barnax.fleet import engine, rows
 from barnax.fleet.engine import SAMPLED, loggers_of_fleet
 from barnax.fleet.manifest import read_manifest
 from barnax.fleet.rows import sources_of
@@ -59,33 +54,3 @@ def test_counters_of_one_file_decide_for_a_fleet(tmp_path):
     samplings = [sampling(cell, loggers) for cell in cells[:3]]
     assert [one.value for one in samplings] == ["backward"] * 3
     assert samplings[2].reason.startswith("in c0.parquet at ")
-
-
-def test_cells_that_are_read_alike_are_one_kind_whatever_else_they_ask_for(cells, monkeypatch):
-    looked_at = []
-
-    def read(source, **how):
-        looked_at.append(source)
-        return read_record(source, **how)
-
-    monkeypatch.setattr(engine, "read_record", read)
-    several = [replace(cell, options={"seeds": k}) for k, cell in enumerate(cells)]
-    assert loggers_of_fleet(several, {}) == loggers_of_fleet(cells, {})
-    assert len(looked_at) == 2 * SAMPLED
-
-
-@pytest.mark.parametrize("is_tested", [True, False])
-def test_files_whose_roles_are_to_be_found_stay_files(cells, monkeypatch, is_tested):
-    jobs = []
-
-    def identify(job):
-        jobs.append(job)
-        raise InputError("enough")
-
-    monkeypatch.setattr(rows, "identify", identify)
-    monkeypatch.setattr(rows, "_cell_of_tests", lambda *_: (None, (), (), ()))
-    cell = replace(cells[0], ocv=cells[1].records if is_tested else ())
-    with pytest.raises(InputError, match="enough"):
-        rows.identified(cell, {"loggers": loggers_of_fleet(cells, {})})
-    (given,) = jobs[0].records
-    assert isinstance(given, str | Path) != is_tested

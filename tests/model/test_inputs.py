@@ -345,14 +345,6 @@ def test_the_load_that_the_start_begins_is_not_the_load_before(bundled_cell, hol
     assert (start.direction, start.direction_source) == expected
 
 
-def test_the_direction_lasts_through_rests_and_currents_below_the_resting_one(bundled_cell):
-    expected = np.repeat([1.0, -1.0, -1.0, 1.0], 25)
-    np.testing.assert_array_equal(prepared(bundled_cell).direction, expected)
-    course = prepared(bundled_cell, Window(initial_soc=0.8, rest_current_a=1.5))
-    assert course.rest_current_a == 1.5
-    assert (course.direction[75:] == -1).all()
-
-
 # The source, the current and the scored samples
 
 
@@ -368,13 +360,6 @@ def test_the_source_is_the_circuits_open_circuit_voltage(bundled_cell, circuit):
     if circuit == "esc":  # the state that moves starts at the last direction before the record
         expected_v = expected_v + bundled_cell.hysteresis_v(course.soc) / 2
     np.testing.assert_allclose(course.source_v, expected_v, rtol=1e-15)
-
-
-@pytest.mark.parametrize(("hold", "expected_a"), [("forward", [0, 2]), ("backward", [2, 2])])
-def test_the_current_is_held_as_the_record_says(bundled_cell, hold, expected_a):
-    inputs = prepared(bundled_cell, hold=hold).simulation_input(1.0)
-    assert inputs.held_a[24:26].tolist() == expected_a
-    np.testing.assert_array_equal(inputs.current_a, CURRENT_A)
 
 
 @pytest.mark.parametrize("voltage_v", [0.0, -0.5])

@@ -87,13 +87,6 @@ def test_pairs_with_boxes_of_their_own_keep_their_labels(short_problem):
     assert circuit.to_dict() == pytest.approx(slow_first.to_dict(), rel=1e-12)
 
 
-def test_the_box_follows_the_cell_and_the_record(short_problem):
-    ranges = short_problem.bounds.ranges
-    scale = 2.0 / short_problem.cell.capacity_ah
-    assert ranges["R0 [Ohm]"] == pytest.approx((1e-4 * scale, 0.2 * scale))
-    assert ranges["tau1 [s]"] == pytest.approx((0.5, 1500.0))
-
-
 def test_a_flat_voltage_is_refused_by_name(bundled_record, bundled_cell):
     flat = replace(bundled_record, voltage_v=np.full(bundled_record.samples, 4.1))
     with pytest.raises(InputError, match=r"identification\.parquet: the voltage is 4.1 V at every"):

@@ -1,6 +1,5 @@
 """Starts that files of the field begin with: noise, loads, a given SOC, and what a result is of."""
 
-import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,20 +26,9 @@ from barnax.run_setup import with_joint_starts
 from barnax.uncertainty import assess
 from helpers.problems import drive_a, simulated_record
 from helpers.reference import make_record
-from helpers.results import make_result
 from helpers.shared import CASES, needs_cases
 
 REPOSITORY = Path(__file__).parents[2]
-
-
-@pytest.fixture(scope="module")
-def cases():
-    """The folder of small cells with known answers, which is not part of the project."""
-    shared = os.environ.get("BARNAX_SHARED_DATA", REPOSITORY.parent / "shared" / "data")
-    folder = Path(shared).parent / "cases" / "cells"
-    if not folder.is_dir():
-        pytest.skip("the cases are not here; set BARNAX_SHARED_DATA to the folder beside theirs")
-    return folder
 
 
 def codes(prepared):
@@ -177,16 +165,6 @@ def test_the_last_rest_of_a_test_may_lack_the_interval_that_no_sample_shows():
     assert len(find_rest_sweeps(record.segments(0.01))[0].points) == 5
 
 
-def test_a_given_soc_is_kept_without_a_rest(cases):
-    folder = cases / "08_cc_known_ocv"
-    columns = "time=Experimental_Time(s):s,current=It:A,voltage=Experimental_Voltage(v)"
-    record = read_record(folder / "Data.xlsx", columns=columns)
-    cell = characterize([read_ocv_test(folder / "ocv.csv")], capacity_ah=2.5)
-    prepared = prepare_record(record, cell, "so-rc", Window(initial_soc=1.0))
-    assert (prepared.first, prepared.start.soc, prepared.start.soc_source) == (0, 1.0, "given")
-    assert not codes(prepared) & {"start.other-soc", "start.fitted"}
-
-
 @pytest.mark.slow
 def test_a_given_soc_is_that_of_the_first_row_where_a_pulse_test_starts_later():
     record = read_record(BUNDLED.hppc[1])
@@ -287,17 +265,3 @@ def test_another_record_has_a_start_of_its_own(result, tmp_path):
     assert prepared.start.soc == alone.start.soc
     assert prepared.scored.sum() == 9000
     assert result.common_window == Window()
-
-
-@pytest.mark.parametrize("soc", [1.0000347, -2e-5])
-def test_a_result_s_own_start_is_simulated(soc):
-    result = make_result("so-rc")
-    (part, *others) = result.inputs
-    own = part.model_copy(update={"start": replace(part.start, soc=soc)})
-    result = result.model_copy(update={"inputs": (own, *others)})
-    time_s, current_a = np.arange(50.0), np.where(soc > 0.5, 1.0, -1.0) * np.ones(50)
-    for initial_soc in (None, soc):
-        found = result.simulate(current_a, time_s, initial_soc=initial_soc)
-        assert found["SOC"][0] == pytest.approx(soc, abs=1e-12)
-    with pytest.raises(barnax.InputError, match="is not a fraction"):
-        result.simulate(current_a, time_s, initial_soc=1.2)

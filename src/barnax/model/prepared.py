@@ -30,6 +30,10 @@ DENSE_QUANTILE = 0.05
 
 # Samples that are held at a time; records of every length share the programs of such a block.
 BLOCK = 4096
+# What a prepared record has of its own at every simulated sample.
+COURSES = (
+    "soc", "direction", "source_v", "hysteresis_amplitude_v", "scored", "resistance_factor"
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -135,17 +139,9 @@ class PreparedRecord(Brief):
 
     def part(self, here: slice) -> "PreparedRecord":
         """Some neighboring ones of the simulated samples; the last one's current leads nowhere."""
-        amplitude_v, factor = self.hysteresis_amplitude_v, self.resistance_factor
-        return replace(
-            self,
-            first=self.first + here.start,
-            soc=self.soc[here],
-            direction=self.direction[here],
-            source_v=self.source_v[here],
-            hysteresis_amplitude_v=None if amplitude_v is None else amplitude_v[here],
-            scored=self.scored[here],
-            resistance_factor=None if factor is None else factor[here],
-        )
+        courses = {name: values for name in COURSES if (values := getattr(self, name)) is not None}
+        courses = {name: values[here] for name, values in courses.items()}
+        return replace(self, first=self.first + here.start, **courses)
 
     def parts(self, samples: int) -> Iterator["PreparedRecord"]:
         """Blocks of so many samples, each with the next one's first, to which its last current
@@ -166,12 +162,11 @@ class PreparedRecord(Brief):
     def simulates_as(self, other: "PreparedRecord") -> bool:
         """True where every circuit has the same errors on the other, sample by sample: what these
         are computed from is the same."""
-        samples = ("time_s", "current_a", "held_a", "voltage_v", "scored")
-        states = ("soc", "source_v", "direction", "hysteresis_amplitude_v", "rest_current_a")
+        samples = ("time_s", "current_a", "held_a", "voltage_v", *COURSES)
         is_like = self.start.direction == other.start.direction
         return is_like and all(
             np.array_equal(getattr(self, name), getattr(other, name))
-            for name in (*samples, *states, "resistance_factor", "dependence")
+            for name in (*samples, "rest_current_a", "dependence")
         )
 
     @property

@@ -30,6 +30,11 @@ class InputError(ValueError):
         return self.notice.code if self.notice else REFUSED
 
 
+def installing(extra: str) -> str:
+    """How the packages of an extra are installed, beside an installed barnax or in a clone."""
+    return f"pip install 'barnax[{extra}]' (in a clone: pip install '.[{extra}]')"
+
+
 def require_number(name: str, value: Any, hint: Any) -> None:
     """Raise `InputError` where an option of the type `hint` takes a number, and this is none."""
     kinds = {*(get_args(hint) or (hint,))} - {type(None)}

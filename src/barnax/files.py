@@ -20,7 +20,7 @@ from typing import Any, BinaryIO
 from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
-from .errors import InputError, reason_of
+from .errors import InputError, installing, reason_of
 
 try:
     import fcntl
@@ -81,7 +81,7 @@ def located(where: str | Path) -> Any:
     except ImportError as problem:
         raise InputError(
             f"{where}: addresses need packages that are not installed ({reason_of(problem)}); "
-            'install them with pip install "barnax[cloud]", or give a folder'
+            f"install them with {installing('cloud')}, or give a folder"
         ) from problem
     except ValueError as problem:
         raise InputError(f"{where}: is no address of a kind that fsspec opens") from problem

@@ -70,7 +70,7 @@ def test_both_sides_start_in_the_direction_the_identification_started_in(circuit
 
 def test_a_missing_package_is_named_with_how_to_get_it():
     missing = replace(EXPORTERS["pybamm"], package="no_such_package")
-    with pytest.raises(InputError, match=r'no_such_package.*pip install "\.\[verify\]"'):
+    with pytest.raises(InputError, match=r"no_such_package.*pip install 'barnax\[verify\]'"):
         require_package(missing)
 
 

@@ -126,7 +126,7 @@ def test_steps_in_time_with_the_log_outweigh_a_cycle_on_its_own_clock(tmp_path):
             mixed = mixed.with_columns(pl.Series(name, values))
     decision = decided(tmp_path, mixed.with_columns(pl.Series("Step Index / 1", step)))
     assert (decision.value, decision.strength) == ("backward", "strong")
-    assert "fits neither hold well" in decision.reason
+    assert "neither sampling agrees" in decision.reason
 
 
 def test_counters_halfway_between_the_holds_prove_nothing(tmp_path):

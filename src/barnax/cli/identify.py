@@ -4,6 +4,7 @@ import shlex
 import threading
 from dataclasses import fields, replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Literal
 
@@ -32,7 +33,7 @@ from .output import (
     Delivery,
     Output,
     drawn_files,
-    plan_command,
+    new_run,
     require_free,
     tell_elsewhere,
     write_folder,
@@ -256,6 +257,8 @@ def _next(
         return advice, shlex.join(["barnax", "export", str(folder), "--to", step.exports])
     if step.designs and folder is not None:
         return advice, shlex.join(["barnax", "design", str(folder)])
+    if step.also and (words := _with_record(plan, step.also)):
+        return advice, new_run(*words)
     if not step.options:
         return advice, ""
     words = [word for name, value in step.options.items() for word in (flag_of(name), value)]
@@ -264,7 +267,24 @@ def _next(
     if folder is None or PLAN not in run.written:
         return f"{advice}: {shlex.join(words)}", ""
     words += [] if design is None else ["--design", str(design)]
-    return advice, plan_command(folder / PLAN, *words)
+    return advice, new_run(str(folder / PLAN), *words)
+
+
+def _with_record(plan: "barnax.Plan", name: str) -> list[str]:
+    """The words by which a record is identified on too; none where the plan was not chosen, or has
+    what no words say."""
+    roles = {"identification": [], "--ocv": [], "--validate": []}
+    for part in plan.parts:
+        role = "identification" if part.name == name else part.role
+        role = {"OCV test": "--ocv", "validation": "--validate"}.get(role, role)
+        if role in roles:
+            roles[role] += [*[role][: role.startswith("--")], str(part.path)]
+    options = {name: value for name, value in plan.options.items() if name not in plan.reasons}
+    is_chosen = all(part.reason and part.span_s is None for part in plan.parts)
+    if not is_chosen or not all(type(value) in (str, int, float) for value in options.values()):
+        return []
+    given = ([flag_of(name), str(value)] for name, value in options.items())
+    return [*chain(*roles.values(), *given)]
 
 
 @group

@@ -284,10 +284,10 @@ def free_names(place: Path) -> Iterator[Path]:
             yield free
 
 
-def plan_command(plan: Path, *words: str) -> str:
-    """The command that runs a plan with further options, into a folder that is free."""
+def new_run(*words: str) -> str:
+    """The command that identifies into a folder that is free."""
     out = next(free_names(Path(DEFAULT_FOLDER)))
-    return shlex.join(["barnax", "identify", str(plan), *words, "--out", str(out)])
+    return shlex.join(["barnax", "identify", *words, "--out", str(out)])
 
 
 def _moved(fresh: Path, place: Path) -> Path:

@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..cell.model import REFERENCE_DEGC
-from ..errors import InputError
+from ..errors import InputError, installing
 from ..results import Result
 from ..simulation import simulate_current
 from .exporter import INSTANT_RATE, Export, Exporter, Profile, Simulate, caveats_of, from_template
@@ -169,7 +169,7 @@ def require_package(exporter: Exporter) -> tuple[str, Simulate]:
     if importlib.util.find_spec(exporter.package) is None:
         raise InputError(
             f"`verify` needs the package {exporter.package}, which is not installed; install "
-            'it with pip install ".[verify]" in a clone of barnax, or leave `verify` out'
+            f"it with {installing('verify')}, or leave `verify` out"
         )
     return exporter.package, exporter.simulate
 

@@ -30,7 +30,7 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from ..devices import keep_compiled, prefer_cpu
-from ..errors import InputError
+from ..errors import InputError, installing
 from ..files import is_factor_file, located, undisturbed
 from ..records import read_record
 from ..records.logger import Loggers, loggers_of
@@ -335,7 +335,7 @@ def _dask(address: str, workers: int) -> Iterator[tuple[Executor, int]]:
         from distributed import Client, LocalCluster
     except ImportError as problem:
         raise InputError(
-            '`scheduler` needs Dask; install it with pip install "barnax[dask]"'
+            f"`scheduler` needs Dask; install it with {installing('dask')}"
         ) from problem
     with ExitStack() as stack:
         where: Any = address

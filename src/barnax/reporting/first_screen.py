@@ -86,7 +86,7 @@ def _errors_table(view: View) -> Table:
     candidates = view.candidates
     held = [c.held_out.rmse_v if c.held_out else None for c in candidates]
     if any(value is not None for value in held):
-        heads.append("left out")
+        heads.append("held out")
     rows: list[list[str]] = []
     for candidate, held_v in zip(candidates, held, strict=True):
         errors_v = [candidate.identification.rmse_v, *candidate.validation_v, held_v]
@@ -167,11 +167,12 @@ WIDE, FEW = 0.5, 1 / 3
 
 @dataclass(frozen=True)
 class Next:
-    """The next step: options to run again with, an export of this result to a format,
-    or a test designed from it."""
+    """The next step: options to run again with, a record to identify on `also`, an export of this
+    result to a format, or a test designed from it."""
 
     advice: str
     options: Mapping[str, str] = field(default_factory=dict)
+    also: str = ""
     exports: str = ""
     designs: bool = False
 
@@ -211,7 +212,8 @@ def next_step(result: "Result") -> Next:
         return Next(wording("next.other_temperatures", others), {"over": OVER_TEMPERATURE})
     unseen = Unseen.of(view)
     if unseen and unseen.error_v >= max(LOST * unseen.fitted_v, LOST_V):
-        return Next(wording("next.more_data", view, unseen))
+        also = unseen.name if view.validation and not view.is_pulse_test else ""
+        return Next(wording("next.more_data", view, unseen), also=also)
     held_out = result.fit.cross_validation
     if not (view.validation_errors or (held_out and held_out.by_record)):
         return Next("validate on another record of the cell, with `validate`")
@@ -265,7 +267,7 @@ class Unseen(NamedTuple):
             others.append(least(part.record, part.rmse_above_10_soc_v, moved_v, how))
         held_out = view.result.fit.cross_validation
         if held_out is not None and not others:
-            name = "records left out" if held_out.by_record else "blocks left out"
+            name = "records left out" if held_out.by_record else "blocks held out"
             others.append(least(name, held_out.whole.above_v, held_out.whole.rmse_v))
         return max(others, default=None)
 

@@ -212,7 +212,7 @@ def _by_temperature(view: "View") -> tuple[list[str], list[Row]]:
     assert over is not None, "asked of several temperatures"
     names = [mean.name for mean in fits[0].means if len(parts_of(mean.name)) == 1]
     mean = over_soc_words(view.result.fit).replace("over", "mean")
-    heads = [mean, *map(symbol, names), "RMSE", "unseen", "left out"]
+    heads = [mean, *map(symbol, names), "RMSE", "held out", "left out"]
     rows: list[tuple[str, ...]] = []
     for fit, left in zip(fits, over.left_out, strict=True):
         held = fit.cross_validation

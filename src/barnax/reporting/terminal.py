@@ -27,8 +27,9 @@ INTERVAL = r"(?<![^ (])[-\d.]+ (?:[A-Za-z]+ )?to [-\d.]+(?: (?:[mu]?Ohm|s|min|h|
 ONE_END = r"at (?:most|least) [-\d.]+(?: (?:[mu]?Ohm|s|min|h|d)\b)?"
 UNBROKEN = re.compile(f"{ONE_OPTION}(?: {ONE_OPTION})*|{INTERVAL}|{ONE_END}|not determined")
 GLUE = "\ue000"
-# Longer words, such as file names, may be broken.
+# Longer words, such as file names, may be broken: behind a dot, dash or underscore where one is.
 LONGEST_WORD = 24
+SEPARATED = re.compile(r"(?<=\w[._-])(?=\w)")
 
 # Width of text that is shown outside a terminal.
 TEXT_WIDTH = 110
@@ -95,13 +96,25 @@ class Words:
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         width = max(options.max_width, self.longest)
-        lines = self.glued.wrap(console, width, justify=options.justify, overflow=options.overflow)
+        glued = self.glued
+        glued.plain = re.sub(rf"\S{{{width + 1},}}", lambda word: _broken(word[0], width), glued.plain)
+        lines = glued.wrap(console, width, justify=options.justify, overflow=options.overflow)
         text = Text("\n").join(lines)
         text.plain = text.plain.replace(GLUE, " ")
         yield from text.render(console, end="\n")
 
     def __rich_measure__(self, console: Console, options: ConsoleOptions) -> Measurement:
         return Measurement.get(console, options, self.glued)
+
+
+def _broken(word: str, width: int) -> str:
+    """A word that is longer than a line on several."""
+    lines = [""]
+    for part in SEPARATED.split(word):
+        if lines[-1] and len(lines[-1] + part) > width:
+            lines.append("")
+        lines[-1] += part
+    return "\n".join(lines)
 
 
 def plain(text: str, style: str = "") -> Words:

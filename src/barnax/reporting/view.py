@@ -177,6 +177,24 @@ class View:
         """The answer first."""
         return sorted(self.result.candidates, key=lambda candidate: not candidate.is_answer)
 
+    def validated(self, candidate: "Candidate") -> "tuple[MetricsPart, ...]":
+        """The errors of a candidate on each record validated on."""
+        block = self.result if candidate.is_answer else self.result.constant
+        return block.metrics.validation
+
+    @property
+    def surpassed(self) -> "list[tuple[Candidate, MetricsPart, MetricsPart]]":
+        """What another candidate simulates better than the answer, with its errors and those of
+        the answer."""
+        return [
+            (candidate, part, answer)
+            for candidate in self.candidates[1:]
+            for part, answer in zip(
+                self.validated(candidate), self.validation_errors, strict=True
+            )
+            if part.rmse_v < answer.rmse_v
+        ]
+
     @property
     def offset(self) -> "tuple[OffsetEffect | None, Notice | None]":
         """The effect of the current offset that rests show, else of a common one; and the warning

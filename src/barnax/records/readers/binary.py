@@ -19,7 +19,7 @@ import numpy as np
 import polars as pl
 from jaxtyping import Int
 
-from ...errors import InputError, reason_of
+from ...errors import InputError, installing, reason_of
 from ...notices import Notice
 from ..table import Reader, Table
 from .content import NUMBER_BYTES, refusing, require_room, require_room_to_unzip, require_trial
@@ -173,7 +173,7 @@ def _by_package(
             f"the {name} file is damaged, cut short or of an unknown version; export "
             f"the record as {export}.",
             f"this is {article} {name} file; install the package that reads it with "
-            f"pip install 'barnax[{extra}]', or export the record as {export}.",
+            f"{installing(extra)}, or export the record as {export}.",
         ):
             columns = {name: np.array(values) for name, values in parse(content).items()}
         return Table.of(pl.DataFrame(columns), has_known_units=True)

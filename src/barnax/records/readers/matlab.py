@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from ...errors import LONGEST_CELL, InputError, cut, printable
+from ...errors import LONGEST_CELL, InputError, cut, installing, printable
 from ...notices import Notice
 from ..cell_values import DAY_S
 from ..columns import Header
@@ -53,7 +53,7 @@ def _read(content: bytes, given: Mapping[str, str]) -> Table:
     with refusing(
         "the MATLAB file is damaged or cut short; copy or save it again.",
         "this is a MATLAB file of version 7.3; install the package that reads it with "
-        "pip install 'barnax[matlab]', or save it with '-v7'.",
+        f"{installing('matlab')}, or save it with '-v7'.",
     ):
         tree = _of_hdf5(content) if is_hdf5 else _of_matlab_5(content)
     structs = dict(_structs(tree))

@@ -83,7 +83,7 @@ def test_an_error_of_a_temperature_left_out_stands_beside_what_was_not_measured(
     text = shown(result)
     left = result.tables.over_temperature.left_out[1]
     assert left.is_between
-    assert f"{1e3 * left.errors.rmse_v:#.3g} mV" in text
+    assert f"{1e3 * left.errors.rmse_v:#.3g}" in text
     assert "left out" in text
     assert "at 50 % SOC [mOhm]" in text
     flat = " ".join(text.split())

@@ -17,9 +17,10 @@ from barnax.reporting.first_screen import first_screen
 from barnax.reporting.identification import identification_document
 from barnax.reporting.parameters import tables_csv
 from barnax.reporting.render import escape_markdown, to_markdown
-from barnax.reporting.soc_tables import answer_tables, headline
+from barnax.reporting.soc_tables import headline
 from barnax.reporting.terminal import to_terminal
 from barnax.reporting.view import View
+from barnax.reporting.wording import blocks
 from barnax.reporting.words import figures, interval, symbol, with_unit, without_unit
 from barnax.results import Result
 from helpers.golden import RESULT
@@ -204,10 +205,10 @@ def test_figures_draw_the_interval_of_every_node(name):
 @every_table
 def test_the_screen_the_report_and_results_side_by_side_say_the_same_words(name):
     result = RESULTS[name]
-    _, rows = headline(View(result))
+    rows = headline(View(result)).rows
     on_screen = {row[0]: (row[1], row[2]) for row in rows}
     on_screen |= {row[4]: (row[5], row[6]) for row in rows if row[4]}
-    means, constants, nodes = answer_tables(result.fits)
+    means, constants, nodes = blocks("tables.answer", View(result))
     in_report = {(f"mean {row[0]}", None): row[1:] for row in means.rows}
     in_report |= {(row[0], None): row[1:] for row in constants.rows}
     heads = [column.head for column in nodes.columns]
@@ -245,10 +246,10 @@ def test_the_screen_and_the_report_print_what_they_are_made_of(result):
     console.print(Group(*to_terminal(first_screen(result))))
     screen = [line.split() for line in console.file.getvalue().split("\n")]
     report = to_markdown(identification_document(result)).split("\n")
-    for row in headline(View(result))[1]:
+    for row in headline(View(result)).rows:
         (line,) = (line for line in screen if line[: len(row[0].split())] == row[0].split())
         assert line == " ".join(filter(None, row)).split()
-    for table in answer_tables(result.fits) if result.tables else ():
+    for table in blocks("tables.answer", View(result)) if result.tables else ():
         for row in table.rows:
             line = [*map(escape_markdown, row)]
             assert any([c.strip() for c in text.split("|")[1:-1]] == line for text in report)

@@ -205,7 +205,7 @@ def test_records_identified_together_stand_one_by_one_and_as_a_whole(joint):
     ]  # fmt: skip
     assert record_roles(2, 1) == ["identification-1", "identification-2", "validation-1"]
     text = screen(joint)
-    assert f"{1e3 * joint.metrics.identification.rmse_v:.1f} mV" in text
+    assert f"{1e3 * joint.metrics.identification.rmse_v:.1f}" in text
     assert max(map(len, text.splitlines())) <= 80
 
 

@@ -8,11 +8,7 @@ import pytest
 
 from barnax.pulses import Pulse
 from barnax.reporting.parameters import tables_csv
-from barnax.reporting.pulses import (
-    middle_heads,
-    middle_pulses,
-    pulses_csv,
-)
+from barnax.reporting.pulses import middle_table, pulses_csv
 from helpers.results import NODES, TABLE_OHM, make_cell, make_table_result
 
 
@@ -33,11 +29,12 @@ RESULT = SimpleNamespace(pulses=PULSES, cell_at=lambda degc: make_cell())
 
 
 def test_the_first_screen_has_each_rate_in_the_middle_of_soc():
-    assert middle_heads(RESULT) == ("at 50 % SOC [mOhm]", "at once", "2 s", "10 s")
-    assert middle_pulses(RESULT) == [
-        ("discharge at 1C (2 A)", "65.0", "75.0", "85.0"),
-        # No charge pulse lies below 50 %, so that a line of them would be empty.
-    ]
+    table = middle_table(RESULT)
+    assert [column.head for column in table.columns] == [
+        "at 50 % SOC [mOhm]", "at once", "2 s", "10 s"
+    ]  # fmt: skip
+    # No charge pulse lies below 50 %, so that a line of them would be empty.
+    assert table.rows == (("discharge at 1C (2 A)", "65.0", "75.0", "85.0"),)
 
 
 def test_a_resistance_between_pulses_far_apart_is_not_made_up():
@@ -45,7 +42,7 @@ def test_a_resistance_between_pulses_far_apart_is_not_made_up():
         pulse(0.86, 2.0, (0.031, None, None, None, None)),
         pulse(0.04, 2.0, PULSES[1].resistance_ohm),
     )
-    assert middle_pulses(SimpleNamespace(pulses=far, cell_at=RESULT.cell_at)) == []
+    assert middle_table(SimpleNamespace(pulses=far, cell_at=RESULT.cell_at)) is None
 
 
 def test_the_csv_has_every_pulse_and_leaves_empty_what_is_not_known():

@@ -4,7 +4,6 @@ import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
 
@@ -12,7 +11,6 @@ from barnax.cell import CircuitParameters
 from barnax.notices import Notice
 from barnax.over_soc.cross_validation import SocErrors
 from barnax.reporting.first_screen import next_step
-from barnax.reporting.view import View
 from barnax.reporting.wording import sentences, wording
 from barnax.search.refine import Optimum
 from barnax.uncertainty import Band, Diagnostics, Estimate, Undetermined
@@ -112,20 +110,6 @@ def errors() -> list[str]:
     ]
 
 
-def seeds() -> list[str]:
-    """They are a comparison unless the answer is theirs."""
-    said = []
-    for seeds_there, source in ((24, "global optimum"), (0, "global optimum"), (3, "seeds")):
-        constant = SimpleNamespace(
-            global_optimum=SimpleNamespace(seeds_there=seeds_there),
-            search=SimpleNamespace(seeds=[None] * 30, method="ibmo"),
-            source=source,
-        )
-        told: Any = SimpleNamespace(constant=constant, tables=None)
-        said += sentences("circuit.seeds", View(told))
-    return said
-
-
 def beyond() -> list[str]:
     """Where an SOC is within 0.5 % of the ends, nothing is told."""
     extents = {"a.csv": (-0.004, 1.0), "b.csv": (0.02, 1.0071), "c.csv": (-0.012, 1.0)}
@@ -133,7 +117,7 @@ def beyond() -> list[str]:
     return [*sentences("starts.beyond", extents, "the OCV test")]
 
 
-SAID = (optima, findings, errors, seeds, beyond)
+SAID = (optima, findings, errors, beyond)
 
 
 def test_every_sentence_is_as_in_the_golden_file():
@@ -172,6 +156,6 @@ def test_the_next_step_follows_from_what_was_held_out():
     missed = SimpleNamespace(**errors, by_record=(), whole=errors["constant"])
     lost = replace(fit, cross_validation=missed)
     lost = found.model_copy(update={"tables": replace(found.tables, fits=(lost,))})
-    assert "the error on blocks left out is 24.50 mV, on what was fitted 4.90 mV" in (
+    assert "the error on blocks held out is 24.50 mV, on what was fitted 4.90 mV" in (
         next_step(lost).advice
     )

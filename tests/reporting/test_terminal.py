@@ -5,7 +5,7 @@ from collections import Counter
 import pytest
 from rich.console import Console, Group
 
-from barnax.reporting.document import make_table
+from barnax.reporting.document import rows_table
 from barnax.reporting.first_screen import first_screen
 from barnax.reporting.terminal import terminal_table, to_terminal
 from barnax.results import Result
@@ -23,13 +23,13 @@ def lines_of(block, width):
 
 def soc_table():
     """As wide as any: four tables over SOC, each with its interval."""
-    cells = {"SOC [%]": lambda row: f"{10 + 5 * row}"}
-    for name in ("R0", "R1", "R2", "R3"):
-        cells[f"{name} [mOhm]"] = lambda row, name=name: f"{name[1]}{row}.4 (*)"
-        cells[f"{name}, 95 %"] = lambda row, name=name: (
-            "not determined" if row == 1 else f"8{row}.{name[1]} to 9{row}.{name[1]}"
-        )
-    return make_table("", range(5), cells)
+    heads, rows = ["SOC [%]"], [[f"{10 + 5 * row}"] for row in range(5)]
+    for name in range(4):
+        heads += [f"R{name} [mOhm]", f"R{name}, 95 %"]
+        for row, cells in enumerate(rows):
+            ends = "not determined" if row == 1 else f"8{row}.{name} to 9{row}.{name}"
+            cells += [f"{name}{row}.4 (*)", ends]
+    return rows_table("", heads, rows)
 
 
 @pytest.mark.parametrize("width", range(60, 121))

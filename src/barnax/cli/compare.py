@@ -119,14 +119,5 @@ def optimizers() -> None:
     """List the optimizers that --method accepts."""
     from ..optimizers import summarize_optimizers
 
-    table = reporting.document.make_table(
-        "Evaluations per iteration, with a population of 30.",
-        summarize_optimizers(),
-        {
-            "name": lambda optimizer: optimizer.name,
-            "evaluations": lambda optimizer: str(optimizer.evaluations_per_iteration),
-            "what it is": lambda optimizer: optimizer.source,
-        },
-        ["name", "what it is"],
-    )
+    table = reporting.wording.table("comparison.optimizers", summarize_optimizers())
     Session(is_quiet=False).show([reporting.terminal.terminal_table(table)])

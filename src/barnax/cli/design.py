@@ -11,7 +11,7 @@ from .. import reporting
 from ..errors import InputError
 from ..settings import Window
 from .options import group
-from .output import PLAN, Output, plan_command
+from .output import PLAN, Output, new_run
 
 # The record of a designed test, beside its plan.
 RECORD = "record.csv"
@@ -155,7 +155,7 @@ def _next(test: "barnax.Design", earlier: "barnax.Plan", folder: Path) -> tuple[
     if unplanned:
         names = reporting.words.joined(unplanned)
         advice += f"; add {names} to its {PLAN}, for none is beside the result"
-    return advice, plan_command(folder / PLAN, "--design", str(folder))
+    return advice, new_run(str(folder / PLAN), "--design", str(folder))
 
 
 def _wanted(texts: Sequence[str] | None) -> dict[str, float] | Literal["hppc"] | None:

@@ -2,7 +2,6 @@
 
 import functools
 import hashlib
-import itertools
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -343,8 +342,7 @@ def _proof_of(result: Result) -> tuple[bool, float | None]:
 
 def _middle_of(fit: TableFit, whose: str = "tables ") -> dict[str, float | None]:
     """The resistances of tables at the node nearest to 50 % SOC that samples visit."""
-    visited = list(itertools.compress(fit.tables.nodes, fit.tables.visited))
-    soc = min(visited or fit.tables.nodes, key=lambda node: abs(node - MIDDLE_SOC))
+    soc = min(fit.visited_nodes or fit.tables.nodes, key=lambda node: abs(node - MIDDLE_SOC))
     row: dict[str, float | None] = {"tables at SOC": soc}
     for fact in fit.facts:
         if fact.name in fit.tables.resistances and not fact.is_mean and fact.soc in (soc, None):

@@ -4,13 +4,14 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import compress
 from typing import Any, Literal
 
 import numpy as np
 
 from ..cell import CircuitParameters
 from ..cell.parameters import HALF_HYSTERESIS, OCV, OHMIC, RATE
-from ..cell.soc_axis import is_above
+from ..cell.soc_axis import ABOVE_SOC, is_above
 from ..cell.tables import LEAST_OHM
 from ..display import Brief
 from ..execution import in_float64
@@ -148,6 +149,28 @@ class TableFit(Brief):
         ]
         means = (self._fact(mean, is_mean=True) for mean in self.means)
         return (*facts, *means, *map(self._fact, self.of_table(OCV)))
+
+    @property
+    def visited_nodes(self) -> list[float]:
+        """The nodes of tables that samples visit; without tables those of a fitted OCV."""
+        tables = self.tables
+        if not self.is_over_soc:
+            return [node.soc or 0.0 for node in self.of_table(OCV)]
+        return [*compress(tables.nodes, tables.visited)]
+
+    @property
+    def mean_soc(self) -> tuple[float, float] | None:
+        """The range of SOC that means are over; None of a constant circuit."""
+        soc = self.visited_nodes
+        return (max(soc[0], min(ABOVE_SOC, soc[-1])), soc[-1]) if soc else None
+
+    @property
+    def constant_facts(self) -> list[Fact]:
+        """What has one value at every SOC, without the numbers of what resistances follow."""
+        law = self.tables.dependence
+        numbers = set() if law is None else set(law.numbers)
+        constants = (fact for fact in self.facts if fact.soc is None and not fact.is_mean)
+        return [fact for fact in constants if fact.name not in numbers]
 
     def _fact(self, node: NodeInterval, **changed: Any) -> Fact:
         is_over_soc = node.soc is not None or "is_mean" in changed

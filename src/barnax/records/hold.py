@@ -119,7 +119,8 @@ def _from_counters(samples: Samples) -> Decision | None:
         return decision
     reason = (
         f"{decision.reason}; over all intervals the last sample's current flowed for "
-        f"{fraction:.0%} of the time, so that inside its steps neither sampling agrees with the counters"
+        f"{fraction:.0%} of the time, so that inside its steps neither sampling agrees with the "
+        "counters"
     )
     return replace(decision, reason=reason)
 

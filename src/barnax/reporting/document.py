@@ -4,7 +4,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import chain, takewhile
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal
 
 from ..cell import CircuitParameters
 from ..cell.elements import names_of
@@ -13,9 +13,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Role = Literal["text", "number"]
-Item = TypeVar("Item")
-# Functions of the cells under each head of a table, from what its row is about.
-Cells = dict[str, Callable[[Item], str]]
 # Sharp on a phone and in print, and small enough to send.
 PICTURE_DPI = 180
 
@@ -84,31 +81,25 @@ class Table:
                 raise ValueError(f"a row of {len(row)} cells under {len(self.columns)} columns")
 
 
-def make_table(
-    caption: str, items: Iterable[Item], cells: Cells[Item], text: Collection[str] = ()
-) -> Table:
-    """A row for each item: under every head of `cells` what its function says of the item.
-
-    A head is a name and, in brackets, a unit; `text` are the heads that hold no numbers.
-
-    >>> table = make_table("Powers.", [2, 3], {"n": str, "area [m2]": lambda n: f"{n**2}"})
-    >>> table.columns[1].unit, table.rows
-    ('m2', (('2', '4'), ('3', '9')))
-    """
-    rows = ([cell(item) for cell in cells.values()] for item in items)
-    return rows_table(caption, cells, rows, text)
-
-
 def rows_table(
     caption: str,
     heads: Iterable[str],
     rows: Iterable[Iterable[str]],
-    text: Collection[str] = (),
+    text: Collection[str | int] = (),
     joined: Iterable[int] = (),
     is_bare: bool = False,
 ) -> Table:
-    """The same of rows whose cells are words already."""
-    columns = tuple(column(head, "text" if head in text else "number") for head in heads)
+    """The table of rows of words. A head is a name and, in brackets, a unit; `text` are heads of
+    columns that hold no numbers, or indices of these.
+
+    >>> table = rows_table("Powers.", ["n", "area [m2]"], [("2", "4"), ("3", "9")])
+    >>> table.columns[1].unit, table.rows
+    ('m2', (('2', '4'), ('3', '9')))
+    """
+    columns = tuple(
+        column(head, "text" if head in text or index in text else "number")
+        for index, head in enumerate(heads)
+    )
     cells = tuple(map(tuple, rows))
     return Table(caption, columns, cells, joined=frozenset(joined), is_bare=is_bare)
 

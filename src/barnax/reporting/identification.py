@@ -12,7 +12,6 @@ from .document import Document, Picture
 from .illustrations import identification_illustrations
 from .pulses import pulses_blocks
 from .render import to_fragment, to_html, to_markdown
-from .soc_tables import answer_tables, ocv_tables, other_temperatures
 from .view import View
 from .wording import document
 from .words import gathered
@@ -31,9 +30,6 @@ def identification_document(
     parameters, the verdict and the errors.
     """
     blocks = {
-        "answer": answer_tables(result.fits) if result.tables is not None else (),
-        "tables": other_temperatures(result.fits),
-        "ocv nodes": ocv_tables(result.fits),
         "pulses": pulses_blocks(result),
     }
     constant = result.constant

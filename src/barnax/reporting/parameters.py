@@ -14,19 +14,17 @@ from ..errors import InputError
 from ..files import csv_text
 from ..over_soc.node_interval import Fact
 from ..results import Result
-from .document import Document, Table, rows_table
+from .document import Document
 from .render import to_fragment
-from .soc_tables import mean_extent
-from .wording import document, wording
+from .wording import document
 from .words import (
     NOT_DETERMINED,
-    NOTHING,
     degrees,
     gathered,
     interval_beside,
     joined,
-    millivolt,
     percent,
+    soc_extent,
     symbol,
     with_unit,
 )
@@ -127,7 +125,7 @@ def _compared(fit: "TableFit") -> Iterator[Fact]:
 def _key(fact: Fact, result: Result, are_apart: bool) -> Key:
     """What has to be alike of two numbers that are compared: a mean over other SOC is another, and
     so is a pair of a circuit with other pairs."""
-    where = mean_extent(result.fit) if fact.is_mean else percent(fact.soc)
+    where = soc_extent(result.fit.mean_soc) if fact.is_mean else percent(fact.soc)
     of = result.model if are_apart and OF_PAIRS.match(fact.label) else ""
     return fact.label, where, of
 
@@ -233,18 +231,20 @@ def show(*results: Result | str | Path, names: tuple[str, ...] = ()) -> SideBySi
         {name: tuple(map(_title, alike.get(change, ()))) for name, alike in changes.items()}
         for change in ("beyond", "too wide to tell")
     )
-    blocks = {
-        "results": (_results_table(names, loaded, have_tables),),
-        "parameters": (_parameters_table(quantities),),
-    }
+    shown = loaded if have_tables else [result.without_tables() for result in loaded]
     report = document(
         "beside",
-        blocks,
+        results=dict(zip(names, shown, strict=True)),
+        keys=dict.fromkeys(key for facts in quantities.values() for key in facts),
+        quantities=quantities,
+        temperature=_temperature,
+        words=_words,
+        change=_change,
         names=names,
         beyond=differing,
         wide={name: _by_symbol(alike) for name, alike in changes.items()},
         are_apart=are_apart,
-        extents=dict.fromkeys(mean_extent(result.fit) for result in loaded if have_tables),
+        extents=dict.fromkeys(soc_extent(result.fit.mean_soc) for result in loaded if have_tables),
         have_tables=have_tables,
     )
     return SideBySide(report, differing, too_wide)
@@ -266,52 +266,19 @@ def _names(results: list[Result]) -> tuple[str, ...]:
     return tuple(f"{number}: {name}" for number, name in enumerate(names, 1))
 
 
-def _results_table(names: tuple[str, ...], results: list[Result], have_tables: bool) -> Table:
-    """The circuit, temperature, capacity and errors of each result."""
-    shown = results if have_tables else [result.without_tables() for result in results]
-
-    def temperature(result: Result) -> str:
-        degc = result.fits.reference_degc
-        if degc is not None:
-            return f"tables at {degrees(degc)}"
-        measured = (degrees(at) for _, at in result.measured_at if at is not None)
-        return joined(list(dict.fromkeys(measured))) or NOTHING
-
-    rows = (
-        [
-            name,
-            result.model,
-            temperature(result),
-            f"{result.cell_at().capacity_ah:.4g}",
-            millivolt(result.metrics.identification.rmse_v),
-            joined([millivolt(part.rmse_v) for part in result.metrics.validation]) or NOTHING,
-        ]
-        for name, result in zip(names, shown, strict=True)
-    )
-    text = ["result", "circuit", "temperature", "validation"]
-    return rows_table("", [*text[:3], "capacity [Ah]", "RMSE", *text[3:]], rows, text)
+def _temperature(result: Result) -> str:
+    degc = result.fits.reference_degc
+    if degc is not None:
+        return f"tables at {degrees(degc)}"
+    measured = (degrees(at) for _, at in result.measured_at if at is not None)
+    return joined(list(dict.fromkeys(measured)))
 
 
-def _parameters_table(quantities: Mapping[str, Mapping[Key, Fact]]) -> Table:
-    """Each parameter of each result with its interval, and the change from the first."""
-    (_, first), *others = quantities.items()
-
-    def change(key: Key, facts: Mapping[Key, Fact]) -> str:
-        if key not in first or key not in facts or not first[key].value:
-            return NOTHING
-        ratio = facts[key].value / first[key].value
-        if math.isnan(ratio):
-            return NOTHING
-        return f"{100 * (ratio - 1):+.3g} %, {compare(first[key], facts[key])}"
-
-    heads = ["parameter", "SOC", *quantities]
-    for index, (name, _) in enumerate(others):
-        heads.insert(4 + 2 * index, f"change to {name}" if len(others) > 1 else "change")
-    rows = []
-    for key in dict.fromkeys(key for facts in quantities.values() for key in facts):
-        row = [f"{symbol(key[0])} of {key[2]}" if key[2] else symbol(key[0]), key[1]]
-        for facts in quantities.values():
-            row += [_words(facts[key]) if key in facts else NOTHING]
-            row += [] if facts is first else [change(key, facts)]
-        rows.append(row)
-    return rows_table(wording("tables.beside"), heads, rows, heads)
+def _change(first: Mapping[Key, Fact], other: Mapping[Key, Fact], key: Key) -> str:
+    """The change of a parameter, and what the intervals tell of it; empty where one lacks it."""
+    if key not in first or key not in other or not first[key].value:
+        return ""
+    ratio = other[key].value / first[key].value
+    if math.isnan(ratio):
+        return ""
+    return f"{100 * (ratio - 1):+.3g} %, {compare(first[key], other[key])}"

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from operator import attrgetter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -10,9 +10,8 @@ from ..cell.model import REFERENCE_DEGC, SAME_DEGC
 from ..errors import escaped
 from ..files import csv_text
 from ..pulses import STANDARD_S, Pulse, levels, rate_label
-from .document import Block, Bullets, Table, make_table
-from .wording import sentences
-from .words import NOTHING, aligned, fixed
+from .document import Block, Table
+from .wording import blocks, table
 
 if TYPE_CHECKING:
     from ..results import Result
@@ -23,98 +22,77 @@ MIDDLE_SOC = 0.5
 NEAR_SOC = 0.4
 
 
+class Level(NamedTuple):
+    """The pulses of one direction, rate and temperature."""
+
+    label: str
+    pulses: tuple[Pulse, ...]
+
+    @property
+    def times(self) -> list[int]:
+        """The indices in `STANDARD_S` at which some pulse has a resistance."""
+        return _times(self.pulses)
+
+    def middle_ohm(self, index: int) -> float | None:
+        """The resistance in the middle of SOC, between pulses linearly; None where no pulse is
+        long enough or none is near."""
+        points = [
+            (pulse.soc, ohm)
+            for pulse in self.pulses
+            if (ohm := pulse.resistance_ohm[index]) is not None
+        ]
+        below = max((point for point in points if point[0] <= MIDDLE_SOC), default=None)
+        above = min((point for point in points if point[0] >= MIDDLE_SOC), default=None)
+        if below is None or above is None or above[0] - below[0] > NEAR_SOC:
+            return None
+        return float(np.interp(MIDDLE_SOC, *zip(below, above, strict=True)))
+
+
+def _times(pulses: Sequence[Pulse]) -> list[int]:
+    ohms = zip(*(pulse.resistance_ohm for pulse in pulses), strict=True)
+    return [index for index, row in enumerate(ohms) if any(ohm is not None for ohm in row)]
+
+
 def pulses_blocks(result: "Result") -> tuple[Block, ...]:
     """The pulses of a test; nothing without any."""
-    if not result.pulses:
-        return ()
-    rates = _levels(result)
-    rests_s = [round(pulse.rest_s, -1) for pulse in result.pulses]
-    told = Bullets(sentences("pulses.section", result.pulses, rates, rests_s))
-    return (told, *(_level_table(result, label, level) for label, level in rates))
+    return blocks("pulses.section", result.pulses, _levels(result), *_heads(result))
 
 
-def _levels(result: "Result") -> list[tuple[str, tuple[Pulse, ...]]]:
+def middle_table(result: "Result") -> Table | None:
+    """A line for each direction, rate and temperature: its resistances in the middle of SOC; None
+    where no pulses tell any."""
+    times = _times(result.pulses)
+    rows = [(level.label, [*map(level.middle_ohm, times)]) for level in _levels(result)]
+    # Such as of a drive cycle's last pulses.
+    rows = [row for row in rows if any(ohm is not None for ohm in row[1])]
+    return table("pulses.middle", rows, times, MIDDLE_SOC, *_heads(result)) if rows else None
+
+
+def _levels(result: "Result") -> list[Level]:
     """The pulses by direction and rate, and by temperature where there are several."""
     groups: list[list[Pulse]] = []
     for pulse in sorted(result.pulses, key=_degc):
         if not groups or _degc(pulse) - _degc(groups[-1][-1]) > SAME_DEGC:
             groups.append([])
         groups[-1].append(pulse)
-    found = []
+    rates: list[Level] = []
     for group in groups:
         degc = _degc(group[0]) if len(groups) > 1 else None
         where = "" if degc is None else f", {degc:.0f} degC"
         capacity_ah = result.cell_at(degc).capacity_ah
-        found += [(rate_label(level, capacity_ah) + where, level) for level in levels(group)]
-    return found
+        rates += [Level(rate_label(level, capacity_ah) + where, level) for level in levels(group)]
+    return rates
 
 
 def _degc(pulse: Pulse) -> float:
     return REFERENCE_DEGC if pulse.temperature_degc is None else pulse.temperature_degc
 
 
-def _level_table(result: "Result", label: str, level: Sequence[Pulse]) -> Table:
-    """The resistances of one direction and rate over SOC."""
-    unit, cells = _unit(result), {}
-    if len({pulse.record for pulse in level}) > 1:
-        cells["record"] = lambda pulse: pulse.record
-    cells["SOC [%]"] = lambda pulse: fixed(100 * pulse.soc, 1)
-    for place in _known(level):
-        cells[f"{HEADS[place]} [{unit}]"] = lambda pulse, place=place: _shown(
-            pulse.resistance_ohm[place], unit
-        )
-    return make_table(f"Pulse resistances, {label}.", level, cells, ["record"])
-
-
-def middle_pulses(result: "Result") -> list[tuple[str, ...]]:
-    """A line for each direction, rate and temperature: its resistances in the middle of SOC.
-
-    Between pulses linearly; a dash where no pulse is long enough or none is near. Those
-    with dashes only, such as of a drive cycle's last pulses, are left out.
-    """
-    unit, known = _unit(result), _known(result.pulses)
-    lines: list[tuple[str, ...]] = []
-    for label, level in _levels(result):
-        ohms = [_at_middle(level, place) for place in known]
-        if any(ohm is not None for ohm in ohms):
-            lines.append((label, *(_shown(ohm, unit) for ohm in ohms)))
-    return lines
-
-
-def middle_heads(result: "Result") -> tuple[str, ...]:
-    """The heads of `middle_pulses`."""
-    heads = (HEADS[place] for place in _known(result.pulses))
-    return (f"at {100 * MIDDLE_SOC:.0f} % SOC [{_unit(result)}]", *heads)
-
-
-def _known(pulses: Sequence[Pulse]) -> list[int]:
-    """Places in `STANDARD_S` at which some pulse has a resistance."""
-    ohms = zip(*(pulse.resistance_ohm for pulse in pulses), strict=True)
-    return [place for place, own in enumerate(ohms) if any(ohm is not None for ohm in own)]
-
-
-def _at_middle(level: Sequence[Pulse], place: int) -> float | None:
-    known = [
-        (pulse.soc, ohm) for pulse in level if (ohm := pulse.resistance_ohm[place]) is not None
-    ]
-    below = max((own for own in known if own[0] <= MIDDLE_SOC), default=None)
-    above = min((own for own in known if own[0] >= MIDDLE_SOC), default=None)
-    if below is None or above is None or above[0] - below[0] > NEAR_SOC:
-        return None
-    soc, ohm = zip(below, above, strict=True)
-    return float(np.interp(MIDDLE_SOC, soc, ohm))
-
-
-def _unit(result: "Result") -> str:
-    """Milliohm, but of a small cell ohm."""
-    known = [ohm for pulse in result.pulses for ohm in pulse.resistance_ohm if ohm is not None]
-    return "Ohm" if known and np.median(known) >= 1 else "mOhm"
-
-
-def _shown(value_ohm: float | None, unit: str) -> str:
-    if value_ohm is None:
-        return NOTHING
-    return aligned(value_ohm if unit == "Ohm" else 1e3 * value_ohm)
+def _heads(result: "Result") -> tuple[Any, ...]:
+    """The heads of resistances, their unit, milliohm, but of a small cell ohm, and its scale."""
+    ohms = [ohm for pulse in result.pulses for ohm in pulse.resistance_ohm if ohm is not None]
+    is_small = bool(ohms) and np.median(ohms) >= 1
+    return HEADS, *(("Ohm", 1.0) if is_small else ("mOhm", 1e3))
 
 
 def pulses_csv(pulses: Sequence[Pulse]) -> bytes:

@@ -97,7 +97,9 @@ class Words:
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         width = max(options.max_width, self.longest)
         glued = self.glued
-        glued.plain = re.sub(rf"\S{{{width + 1},}}", lambda word: _broken(word[0], width), glued.plain)
+        glued.plain = re.sub(
+            rf"\S{{{width + 1},}}", lambda word: _broken(word[0], width), glued.plain
+        )
         lines = glued.wrap(console, width, justify=options.justify, overflow=options.overflow)
         text = Text("\n").join(lines)
         text.plain = text.plain.replace(GLUE, " ")

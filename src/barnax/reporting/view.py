@@ -11,15 +11,17 @@ from ..cell.parameters import HALF_HYSTERESIS
 from ..cell.soc_axis import ABOVE_SOC
 from ..over_soc.settings import circuit_name
 from .wording import sentences
-from .words import degrees, gathered
+from .words import degrees, gathered, interval_beside, numbered, soc_extent
 
 if TYPE_CHECKING:
     from ..model.window import Window
     from ..notices import Notice
+    from ..over_soc.cross_validation import SocErrors
     from ..over_soc.fits import OverTemperature
+    from ..over_soc.node_interval import Fact
     from ..over_soc.nuisances import OffsetEffect
     from ..records import Decision
-    from ..result_parts import Candidate, InputPart, MetricsPart
+    from ..result_parts import Candidate, InputPart, MetricsBlock, MetricsPart
     from ..results import Result
     from ..select.policy import Policy
 
@@ -99,6 +101,13 @@ class View:
         parts = (*self.identified, *self.validation)
         return {part.name: part.soc_range for part in parts if part.soc_range}
 
+    @staticmethod
+    def travel(part: "InputPart") -> tuple[float, float]:
+        """The ends of a record's SOC, the one nearer to its start first."""
+        low, high = part.soc_range or (0.0, 1.0)
+        first = part.start.soc if part.start else high
+        return (high, low) if abs(first - high) <= abs(first - low) else (low, high)
+
     # The answer.
 
     @property
@@ -145,6 +154,34 @@ class View:
         return self.result.metrics.identification
 
     @property
+    def by_record(self) -> "list[tuple[str, MetricsPart, MetricsPart]]":
+        """The role of each record with the errors of the answer and of the constant circuit, and
+        all of those identified on together."""
+
+        def rows(metrics: "MetricsBlock") -> "tuple[MetricsPart, ...]":
+            return *metrics.jointly, metrics.identification, *metrics.validation
+
+        metrics = self.result.metrics
+        roles = [
+            *numbered("identification", len(metrics.jointly)),
+            "together" if metrics.jointly else "identification",
+            *numbered("validation", len(metrics.validation)),
+        ]
+        both = map(rows, (metrics, self.result.constant.metrics))
+        return [*zip(roles, *both, strict=True)]
+
+    def left_out(self, record: str) -> "SocErrors | None":
+        """The largest error of the temperatures left out that were predicted as a record validated
+        on is; None where it has tables of its own."""
+        over = self.over_temperature
+        degc = next(
+            (part.temperature_degc for part in self.validation if part.name == record), None
+        )
+        if over is None or degc is None or over.measured_near(degc) is not None:
+            return None
+        return max((left.errors for left in over.like(degc)), key=lambda errors: errors.rmse_v)
+
+    @property
     def validation_errors(self) -> "tuple[MetricsPart, ...]":
         return self.result.metrics.validation
 
@@ -173,6 +210,30 @@ class View:
         ]
 
     @property
+    def extent(self) -> str:
+        """The range of SOC that means are over, empty of a constant circuit."""
+        soc = self.result.fit.mean_soc
+        return f"{soc_extent(soc)} SOC" if soc else ""
+
+    @cached_property
+    def held(self) -> set[str]:
+        """The parameters that were held at a value."""
+        if self.result.tables is None:
+            return {*self.result.constant.fixed}
+        ranges = self.result.tables.settings.ranges
+        return {name for name, ends in ranges.items() if ends[0] == ends[1]}
+
+    def interval(self, fact: "Fact", value: str) -> str:
+        """The interval of a number beside its value; empty without one."""
+        if fact.name in self.held:
+            return "held"
+        if fact.low is None and fact.high is None:
+            for bound in self.result.fit.at_bound:
+                if bound.name == fact.name:
+                    return f"at its {bound.side} bound"
+        return interval_beside(value, fact) if fact.is_assessed else ""
+
+    @property
     def candidates(self) -> "list[Candidate]":
         """The answer first."""
         return sorted(self.result.candidates, key=lambda candidate: not candidate.is_answer)
@@ -189,9 +250,7 @@ class View:
         return [
             (candidate, part, answer)
             for candidate in self.candidates[1:]
-            for part, answer in zip(
-                self.validated(candidate), self.validation_errors, strict=True
-            )
+            for part, answer in zip(self.validated(candidate), self.validation_errors, strict=True)
             if part.rmse_v < answer.rmse_v
         ]
 

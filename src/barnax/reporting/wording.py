@@ -28,6 +28,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from ..cell import dependence
 from ..cell.elements import alike
+from ..cell.parameters import OCV
 from ..cell.soc_axis import ABOVE_SOC
 from ..notices import sentences_of
 from ..settings import MAX_MOVED_SOC
@@ -52,7 +53,12 @@ BAR = "\ue001"
 # What a column holds by its rule.
 RULES: dict[str, Role] = {"---": "text", "---:": "number", ":--": "text", ":--:": "number"}
 # What sentences say of the numerics, by name.
-CONSTANTS = {"ABOVE_SOC": ABOVE_SOC, "MAX_MOVED_SOC": MAX_MOVED_SOC, "NOTHING": words.NOTHING}
+CONSTANTS = {
+    "ABOVE_SOC": ABOVE_SOC,
+    "MAX_MOVED_SOC": MAX_MOVED_SOC,
+    "NOTHING": words.NOTHING,
+    "OCV": OCV,
+}
 CONSTANTS |= {name: getattr(dependence, name) for name in ("BETA", "KAPPA", "ONSET", "CHARGE")}
 # What is worth a sentence: low SOC with most of the squared error, a band with a notable share of
 # it, and a start that was moved, or an SOC beyond the ends, by more than what nobody asks about.
@@ -65,6 +71,8 @@ CONSTANTS |= {"TRUSTED_BAND": 0.9, "FLAT_SHARE": 0.05}
 CONSTANTS |= {"WARM_K": 10.0}
 # Errors within this share of each other are called the same, and circuits nearly as good.
 CONSTANTS |= {"SAME": 0.01}
+# Moving a start is worth a line where it lowers the error by more than this share.
+CONSTANTS |= {"APART": 0.1}
 
 
 class Lines(str):

@@ -10,7 +10,7 @@ from ..errors import counted as counted
 
 if TYPE_CHECKING:
     from ..over_soc.cross_validation import SocErrors
-    from ..over_soc.node_interval import NodeInterval
+    from ..over_soc.node_interval import Fact, NodeInterval
     from ..uncertainty import Band, Estimate, Profile
 
 NOTHING = "–"
@@ -21,6 +21,8 @@ FEWEST_DIGITS, MOST_DIGITS = 3, 5
 LARGE_OHM = 1.0
 # Rounded up, since a claim may not say more than was proved.
 ROUNDED_UP = Context(prec=1, rounding=ROUND_CEILING)
+# A value within this share of its interval from an end is marked.
+AT_EDGE, EDGE = 0.01, "(*)"
 BandQuantity = Literal["SOC", "current", "temperature"]
 Key = TypeVar("Key")
 Item = TypeVar("Item")
@@ -35,6 +37,25 @@ def joined(items: Sequence[str], last: str = "and") -> str:
     return (
         f" {last} ".join([", ".join(items[:-1]), items[-1]]) if len(items) > 1 else "".join(items)
     )
+
+
+def numbered(role: str, count: int) -> list[str]:
+    """Names of so many of a role.
+
+    >>> numbered("validation", 1), numbered("validation", 2)
+    (['validation'], ['validation 1', 'validation 2'])
+    """
+    return [role] if count == 1 else [f"{role} {number}" for number in range(1, count + 1)]
+
+
+def shortened(name: str, longest: int) -> str:
+    """A name of at most so many letters, its middle left out.
+
+    >>> shortened("identification.parquet", 16)
+    'identi...parquet'
+    """
+    half = longest // 2
+    return name if len(name) <= longest else f"{name[: half - 2]}...{name[1 - half :]}"
 
 
 def gathered(pairs: Iterable[tuple[Key, Item]]) -> dict[Key, list[Item]]:
@@ -89,11 +110,14 @@ def aligned(value: float) -> str:
 
 
 def aligned_millivolt(value_v: float | None) -> str:
-    """A voltage of three figures in a column; empty where there is none."""
+    """A voltage in mV of three figures, so that a column lines up; empty where there is none.
+
+    >>> aligned_millivolt(0.0075), aligned_millivolt(1.25), aligned_millivolt(None)
+    ('7.50', '1250', '')
+    """
     if value_v is None:
         return ""
-    value_mv = 1e3 * value_v
-    return f"{value_mv:.0f} mV" if value_mv >= 999.5 else f"{aligned(value_mv)} mV"
+    return f"{1e3 * value_v:.0f}" if 1e3 * value_v >= 999.5 else aligned(1e3 * value_v)
 
 
 def millivolts_cell(value_v: float | None) -> str:
@@ -111,6 +135,15 @@ def percent(ratio: float | None) -> str:
         return NOTHING
     value = 100 * ratio
     return f"{value:.0f} %" if abs(value) >= 10 else f"{value:.2g} %"
+
+
+def soc_extent(soc: tuple[float, float] | None) -> str:
+    """A range of SOC; empty where there is none.
+
+    >>> soc_extent((0.1, 1.0)), soc_extent(None)
+    ('10-100 %', '')
+    """
+    return "" if soc is None else f"{100 * soc[0]:.0f}-{100 * soc[1]:.0f} %"
 
 
 def fixed(value: float | None, decimals: int) -> str:
@@ -152,11 +185,16 @@ def above(rmse_v: float, optimum_v: float) -> str:
 
 
 def errors_words(errors: "SocErrors | None") -> str:
-    """An RMSE in mV, in brackets that above 10 % SOC; a dash where there is none."""
+    """An RMSE in mV, in brackets that above 10 % SOC where it differs; a dash without errors.
+
+    >>> from barnax.over_soc.cross_validation import SocErrors
+    >>> errors_words(SocErrors(0.0232, 0.0102)), errors_words(SocErrors(0.0232, None))
+    ('23.2 (10.2)', '23.2')
+    """
     if errors is None:
         return NOTHING
-    above = "" if errors.above_v is None else f" ({fixed(1e3 * errors.above_v, 1)})"
-    return f"{fixed(1e3 * errors.rmse_v, 1)}{above}"
+    whole, above = aligned_millivolt(errors.rmse_v), aligned_millivolt(errors.above_v)
+    return f"{whole} ({above})" if above not in ("", whole) else whole
 
 
 def duration(value_s: float) -> str:
@@ -227,6 +265,24 @@ def in_milliohm(name: str) -> tuple[str, float]:
     (('R1 [mOhm]', 1000.0), ('C1 [F]', 1.0))
     """
     return (name.replace("[Ohm]", "[mOhm]"), 1e3 if name.endswith("[Ohm]") else 1.0)
+
+
+def thousandfold(node: "Fact") -> str:
+    """An interval in mOhm or mV."""
+    if not node.is_assessed:
+        return NOTHING
+    open_end = one_sided(node.low, node.high, lambda end: figures(1e3 * end))
+    if open_end or node.low is None or node.high is None:
+        return open_end
+    return f"{figures(1e3 * node.low)} to {figures(1e3 * node.high)}"
+
+
+def edge_mark(node: "Fact") -> str:
+    """A mark where a value is at an end of its own interval."""
+    if node.low is None or node.high is None or node.record_low is not None:
+        return ""
+    near = AT_EDGE * (node.high - node.low)
+    return f" {EDGE}" if min(node.value - node.low, node.high - node.value) <= near else ""
 
 
 def bound_words(name: str, side: str) -> str:

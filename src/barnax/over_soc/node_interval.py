@@ -19,6 +19,8 @@ from .objective import Solution, TableObjective
 
 # The ends of what another record would show.
 RECORD_ENDS = ("record_low", "record_high")
+# A value within this share of its interval from an end is at that end.
+AT_EDGE = 0.01
 
 
 @dataclass(frozen=True)
@@ -108,6 +110,14 @@ class Fact(NodeInterval):
     is_mean: bool = False
     is_assessed: bool = True
     is_visited: bool = True
+
+    @property
+    def is_at_edge(self) -> bool:
+        """True where the value is at an end of its own interval, to which smoothing moved it."""
+        if self.low is None or self.high is None or self.record_low is not None:
+            return False
+        near = AT_EDGE * (self.high - self.low)
+        return min(self.value - self.low, self.high - self.value) <= near
 
     @property
     def label(self) -> str:

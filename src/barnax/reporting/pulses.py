@@ -45,7 +45,8 @@ class Level(NamedTuple):
         above = min((point for point in points if point[0] >= MIDDLE_SOC), default=None)
         if below is None or above is None or above[0] - below[0] > NEAR_SOC:
             return None
-        return float(np.interp(MIDDLE_SOC, *zip(below, above, strict=True)))
+        soc, ohm = zip(below, above, strict=True)
+        return float(np.interp(MIDDLE_SOC, soc, ohm))
 
 
 def _times(pulses: Sequence[Pulse]) -> list[int]:

@@ -10,7 +10,7 @@ from ..errors import counted as counted
 
 if TYPE_CHECKING:
     from ..over_soc.cross_validation import SocErrors
-    from ..over_soc.node_interval import Fact, NodeInterval
+    from ..over_soc.node_interval import NodeInterval
     from ..uncertainty import Band, Estimate, Profile
 
 NOTHING = "–"
@@ -21,8 +21,6 @@ FEWEST_DIGITS, MOST_DIGITS = 3, 5
 LARGE_OHM = 1.0
 # Rounded up, since a claim may not say more than was proved.
 ROUNDED_UP = Context(prec=1, rounding=ROUND_CEILING)
-# A value within this share of its interval from an end is marked.
-AT_EDGE, EDGE = 0.01, "(*)"
 BandQuantity = Literal["SOC", "current", "temperature"]
 Key = TypeVar("Key")
 Item = TypeVar("Item")
@@ -265,24 +263,6 @@ def in_milliohm(name: str) -> tuple[str, float]:
     (('R1 [mOhm]', 1000.0), ('C1 [F]', 1.0))
     """
     return (name.replace("[Ohm]", "[mOhm]"), 1e3 if name.endswith("[Ohm]") else 1.0)
-
-
-def thousandfold(node: "Fact") -> str:
-    """An interval in mOhm or mV."""
-    if not node.is_assessed:
-        return NOTHING
-    open_end = one_sided(node.low, node.high, lambda end: figures(1e3 * end))
-    if open_end or node.low is None or node.high is None:
-        return open_end
-    return f"{figures(1e3 * node.low)} to {figures(1e3 * node.high)}"
-
-
-def edge_mark(node: "Fact") -> str:
-    """A mark where a value is at an end of its own interval."""
-    if node.low is None or node.high is None or node.record_low is not None:
-        return ""
-    near = AT_EDGE * (node.high - node.low)
-    return f" {EDGE}" if min(node.value - node.low, node.high - node.value) <= near else ""
 
 
 def bound_words(name: str, side: str) -> str:

@@ -10,10 +10,11 @@ from typer.testing import CliRunner
 import barnax
 from barnax.cli.app import app
 from barnax.cli.options import windows_of
-from barnax.cli.session import RESEARCH, as_flags
+from barnax.cli.session import RESEARCH, Session, as_flags
 from barnax.errors import InputError
 from barnax.job import PLANNED
 from barnax.model.window import Window
+from barnax.notices import Notice
 
 SOURCES = [path for path in Path(barnax.__file__).parent.rglob("*.py") if "plots" not in path.parts]
 # An option in a message, with its value if it has one.
@@ -100,3 +101,10 @@ def test_a_flag_that_is_a_key_of_a_plan_is_refused_with_the_way_there(words):
     assert refused.exit_code == 2
     assert f"{words[0].split('=')[0]} is no option" in said
     assert "--plan" in said
+
+
+def test_what_was_assumed_of_a_file_is_a_note_among_warnings_too(capsys):
+    merged = Notice("repeats.merged", {"rows": 3, "alike": "exact"}, "a.csv")
+    Session(is_quiet=False).warn([merged, merged.rated("warning")])
+    kinds = [line.split()[0] for line in capsys.readouterr().err.splitlines()]
+    assert kinds == ["warning:", "note:"]

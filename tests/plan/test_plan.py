@@ -295,11 +295,16 @@ def test_records_of_several_temperatures_have_no_capacity_in_common(folder):
     assert window.temperature_degc == 10.0
 
 
-def test_a_named_record_that_cannot_be_read_is_planned_as_that(folder):
+@pytest.mark.parametrize("role", ["records", "ocv", "validate"])
+@pytest.mark.parametrize("name", ["bad.csv", "missing.csv"])
+def test_a_named_file_that_cannot_be_read_is_refused_as_where_it_is_read(folder, name, role):
     (folder / "bad.csv").write_text("hello\n1\n2\n")
-    job = barnax.Job(folder / "bad.csv", ocv=folder / "b.parquet")
-    job = job.changed(window=barnax.Window(initial_soc=1.0))
-    assert next(iter(plan_of(job).parts)).kind == "unreadable"
+    given = {"records": folder / "c.parquet", "ocv": folder / "b.parquet", role: folder / name}
+    with pytest.raises(InputError) as read:
+        barnax.read_record(folder / name)
+    with pytest.raises(InputError) as planned:
+        plan_of(barnax.Job(**given))
+    assert (str(planned.value), planned.value.notice) == (str(read.value), read.value.notice)
 
 
 def test_sources_of_one_name_have_windows_of_their_own(folder):

@@ -142,12 +142,12 @@ class Session:
             self._list("[dim]note:[/dim]", notes)
 
     def warn(self, warnings: Iterable[object]) -> None:
-        """Print warnings to stderr, even where the command is quiet, and what was assumed of a
-        file; other notes are the report's."""
-        self._list(
-            "[yellow]warning:[/yellow]",
-            (one for one in warnings if not isinstance(one, Notice) or one.counts or one.is_told),
-        )
+        """Print warnings to stderr, even where the command is quiet, and as notes what was assumed
+        of a file; other notes are the report's."""
+        every = [*warnings]
+        notes = [one for one in every if isinstance(one, Notice) and not one.counts]
+        self._list("[yellow]warning:[/yellow]", (one for one in every if one not in notes))
+        self.tell(note for note in notes if note.is_told)
 
     def _list(self, kind: str, notices: Iterable[object]) -> None:
         for sentence in sentences_of(notices):

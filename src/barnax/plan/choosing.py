@@ -91,11 +91,11 @@ def plan(
     looked = look(roles, reading or Reading(), watch, windows)
     free, tests, others = looked.values()
     if all(file.refusal for file in (*free, *tests, *others)):
-        raise InputError("\n".join(file.refusal for file in (*free, *tests, *others)))
+        raise InputError("\n".join(str(file.refusal) for file in (*free, *tests, *others)))
     # Of a folder some files may be anything; those whose role is given are meant.
     for file in (*tests, *others):
         if file.refusal:
-            raise InputError(file.refusal)
+            raise file.refusal
     with watch("Planning", 0):
         files = [*(part for file in free for part in split(file)), *tests, *others]
         given = windows.get("", Window()) if capacity is None else Window(capacity_ah=capacity)
@@ -112,7 +112,7 @@ def _decide(draft: Draft, tests: Files, others: Files) -> Plan:
     # Given files come first.
     given = (*tests, *others)
     refused = [file for file in draft.files if file.refusal]
-    draft.leave({file: file.refusal.removeprefix(f"{file.name}: ") for file in refused})
+    draft.leave({file: str(file.refusal).removeprefix(f"{file.name}: ") for file in refused})
     copies = copies_of(draft.free, given)
     draft.leave({file: same.what for file, same in copies.items()})
     free = [file for file in draft.free if file not in given]
@@ -160,7 +160,7 @@ def _decide(draft: Draft, tests: Files, others: Files) -> Plan:
         return Plan("identify", draft.parts(), missing=missing)
     record = runs[0]
     is_own = is_pulsed and choice.tests == (record,)
-    why = f"{ocv_reason([record])}; " if is_own else ""
+    why = f"{ocv_reason([record], choice.cell.capacity_ah)}; " if is_own else ""
     draft.take(record, "identification", why + words_of(draft, record))
     draft.take_tests(choice)
     if draft.is_over or is_pulsed:

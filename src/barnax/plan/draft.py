@@ -62,7 +62,7 @@ class Draft:
         """Settle the files of an OCV test."""
         self.tests |= dict.fromkeys(choice.tests)
         for test in choice.tests:
-            self.take(test, "OCV test", ocv_reason([test]))
+            self.take(test, "OCV test", ocv_reason([test], choice.cell.capacity_ah))
 
     def start_given(
         self, file: CandidateFile, tests: Files, cell: CellModel | None = None
@@ -118,7 +118,7 @@ class Draft:
             )
             parts.append(part)
             if is_given and role == "identification" and file in self.tests:
-                why = ocv_reason([file])
+                why = ocv_reason([file], self.capacity_ah)
                 parts.append(replace(part, role="OCV test", reason=why, window=Window()))
         return tuple(sorted(parts, key=lambda part: ROLES.index(part.role)))
 

@@ -48,7 +48,7 @@ class CandidateFile:
     """One file that was looked at, with the facts that the checks tell of it.
 
     `more` are the further files of its log, and `evidence` says why they are. `refusal` says why it
-    cannot be read, empty where it can. `traits` are those of a record, and
+    cannot be read. `traits` are those of a record, and
     `warnings` the number of those about it. `starts_full` says that the file shows a charge to full
     right before this part of it, `chosen` what its user says of it, and `how` how it is read. What
     is given as a record or table is `known`, and not looked at.
@@ -59,7 +59,7 @@ class CandidateFile:
     source: Source | None = None
     more: tuple[Path, ...] = ()
     evidence: str = ""
-    refusal: str = ""
+    refusal: InputError | None = None
     traits: Traits = NO_TRAITS
     roles: Mapping[str, Role] = field(default_factory=dict)
     warnings: int = 0
@@ -179,7 +179,7 @@ def look(
                     traits = Traits(temperature_degc=degc) if is_record else NO_TRAITS
                     file = replace(file, known=source, traits=traits)
             except InputError as problem:
-                file = replace(file, refusal=str(problem))
+                file = replace(file, refusal=problem)
         looked[role].append(file)
     # What is said of a file by its name is said of it alone.
     named = {*windows, *lags_of(reading)} - {""}
@@ -247,7 +247,7 @@ def _checked(file: CandidateFile) -> CandidateFile:
         return replace(file, roles=roles)
     # Findings stand by severity, and what has no samples to look at has one that says so.
     if check.traits is None or any(finding.severity == "error" for finding in check.findings):
-        return replace(file, refusal=str(check.findings[0].about(file.name)))
+        return replace(file, refusal=check.findings[0].about(file.name).error())
     warnings = sum(finding.counts for finding in check.findings)
     return replace(file, traits=check.traits, roles=roles, warnings=warnings)
 

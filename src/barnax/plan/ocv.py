@@ -98,8 +98,9 @@ def _first_cell(
     return reason
 
 
-def ocv_reason(tests: Files) -> str:
-    """The sweeps of a set of tests, in words."""
+def ocv_reason(tests: Files, capacity_ah: float | None = None) -> str:
+    """The sweeps of a set of tests, in words, with the capacity of the cell, or what they passed
+    where none of theirs is used."""
     sweeps = _sweeps(tests)
     if not sweeps:
         return "a table of OCV over state of charge"
@@ -108,7 +109,8 @@ def ocv_reason(tests: Files) -> str:
         + (f"with {len(sweep.points)} rests" if sweep.kind == "rests" else "by a slow sweep")
         for sweep in sweeps
     }
-    return f"{' and '.join(kinds.values())}, {max(sweep.passed_ah for sweep in sweeps):.4g} Ah"
+    shown_ah = capacity_ah or max(sweep.passed_ah for sweep in sweeps)
+    return f"{' and '.join(kinds.values())}, {shown_ah:.4g} Ah"
 
 
 def _sets(candidates: Files) -> Iterator[Files]:

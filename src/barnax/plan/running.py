@@ -12,7 +12,7 @@ from typing import Any, Literal, NamedTuple, TypeVar
 import numpy as np
 
 from ..bundled import BUNDLED
-from ..cell import CellModel, characterize_over_temperature
+from ..cell import CellModel, characterize_over_temperature, read_ocv_test
 from ..cell.model import REFERENCE_DEGC, group_near
 from ..errors import InputError
 from ..execution import unwatched
@@ -69,7 +69,10 @@ def plan_of(job: Job) -> Plan | None:
 
 def plan_given(job: Job, command: Literal["identify", "hppc"] = "identify") -> Plan:
     """The plan of files whose roles are given, with the windows and the capacity that they have in
-    a folder too, and why; without any the bundled cell's."""
+    a folder too, and why; without any the bundled cell's.
+
+    Raises `InputError` for a file that cannot be read.
+    """
     files: dict[Use, Any] = {"identification": job.records, "OCV test": job.ocv}
     files["validation"] = job.validate
     if not listed(job.records):
@@ -81,6 +84,12 @@ def plan_given(job: Job, command: Literal["identify", "hppc"] = "identify") -> P
     windows = windows_by_name(job.window)
     looked = look(given, job.part(Reading), job.watch, windows)
     of_role = {file: role for role, several in looked.items() for file in several}
+    for file in of_role:
+        if file.refusal and file.source is None:
+            raise file.refusal
+        if file.refusal:
+            # What the checks alone refuse can be read.
+            read_ocv_test(file.known_source, **file.how)
     tests = [file for file in looked["OCV test"] if not file.refusal]
     given_ah = windows.get("", Window()).capacity_ah if job.capacity is None else job.capacity
     draft, choices = Draft([*of_role], given_ah=given_ah), dict[CandidateFile, OcvChoice]()

@@ -36,7 +36,7 @@ def headline(view: "View") -> Table:
     kind = "this record" if len(view.identified) == 1 else "these records"
     kind = "another record" if fit.are_of_another_record else kind
     heads, rows, at_soc = [""] * 7, list[tuple[str, ...]](), MIDDLE_SOC
-    if view.result.tables is not None:
+    if view.result.tables is not None or fit.intervals:
         heads[1:3] = f"mean {view.extent}" if fit.is_over_soc else "", f"95 %, {kind}"
     if fit.is_over_soc:
         at_soc = min(fit.visited_nodes, key=lambda soc: abs(soc - MIDDLE_SOC))

@@ -64,7 +64,7 @@ def test_the_table_is_one_line_and_quiet_prints_warnings_alone(run, stored):
     plain.write_csv("plain.csv")
     for word in ("--quiet", "--json"):
         err = run("validate", stored, "plain.csv", word).err
-        assert "warning: plain.csv: " in err
+        assert "note: plain.csv: " in err
         assert "assumed A for 'current'" in err
 
 

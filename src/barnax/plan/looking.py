@@ -3,6 +3,7 @@
 A file that holds a whole schedule is cut into its tests, by full charges and by OCV sweeps.
 """
 
+import os
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -197,8 +198,8 @@ def _whole_logs(
     pieces = [
         file
         for file in files
-        if file.path.is_file()
-        and file.is_record
+        if file.is_record
+        and os.path.isfile(file.path)
         and file.name not in named
         and file.kind(None) not in kinds
     ]

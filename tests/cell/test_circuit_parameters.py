@@ -5,7 +5,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from barnax.cell import CircuitParameters
-from barnax.cell.parameters import parameter_names
 from barnax.errors import InputError
 
 positive = st.floats(1e-6, 1e6)
@@ -24,18 +23,6 @@ def test_the_ordered_circuit_has_the_same_pairs_from_fast_to_slow(circuit):
     assert list(ordered.tau_s) == sorted(circuit.tau_s)
     assert {*zip(ordered.r, ordered.c, strict=True)} == {*zip(circuit.r, circuit.c, strict=True)}
     assert CircuitParameters.from_dict(ordered.to_dict()) == ordered.ordered()
-
-
-def test_the_dictionary_uses_pybamm_names():
-    circuit = CircuitParameters.constant(0.05, (0.02, 0.03), (500.0, 2000.0))
-    assert circuit.to_dict() == {
-        "R0 [Ohm]": 0.05,
-        "R1 [Ohm]": 0.02,
-        "C1 [F]": 500.0,
-        "R2 [Ohm]": 0.03,
-        "C2 [F]": 2000.0,
-    }
-    assert tuple(circuit.to_dict()) == parameter_names(("rc", "rc"))
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf")])

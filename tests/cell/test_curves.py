@@ -129,8 +129,3 @@ def test_the_nine_parameters_are_those_of_equation_4(kind):
     fitted = SegmentedHysteresis.fit(W_SOC, 0.01 + 0.02 * np.sin(9 * W_SOC), kind)
     grid = np.linspace(0, 1, 777)
     np.testing.assert_allclose(fitted(grid), eq4(fitted.parameters, grid), atol=1e-14)
-
-
-def test_soc_beyond_full_and_empty_takes_the_end_values():
-    fitted = SegmentedHysteresis.fit(W_SOC, np.interp(W_SOC, KNOTS, AT_KNOTS_V))
-    np.testing.assert_array_equal(fitted(np.array([-0.5, 1.5])), fitted(np.array([0.0, 1.0])))

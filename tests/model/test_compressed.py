@@ -15,7 +15,6 @@ from threadpoolctl import threadpool_limits
 
 from barnax.cell import CIRCUITS, CircuitParameters
 from barnax.errors import InputError
-from barnax.model.factor import ROW_STEP
 from barnax.model.prepared import BLOCK
 from barnax.model.problem import Objective, make_problem, residuals, rmse, rmse_by_scan
 from barnax.model.window import Window
@@ -228,20 +227,6 @@ def test_reducing_gives_the_same_bits_whatever_the_threads_of_linear_algebra(sho
         with threadpool_limits(threads, "blas"):
             factors.add(np.asarray(problem.compressed.factor).tobytes())
     assert len(factors) == 1
-
-
-def test_records_of_different_lengths_and_currents_share_the_shape_of_their_factor(bundled_cell):
-    tau = {"tau1 [s]": (0.5, 2000.0), "tau2 [s]": (0.5, 2000.0)}
-    shapes = {
-        make_problem(
-            drive_record("even", samples, samples), bundled_cell, window=KNOWN_SOC, bounds=tau
-        ).compressed.factor.shape
-        for samples in (2000, 2700, 3500)
-    }
-    assert len(shapes) == 1
-    rows, columns = shapes.pop()
-    assert rows % ROW_STEP == 0
-    assert rows < columns
 
 
 def test_a_box_too_wide_to_compress_is_refused_with_a_remedy(short_problem):

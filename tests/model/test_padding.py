@@ -13,7 +13,7 @@ import pytest
 import barnax.search.seeds
 from barnax.cell import CircuitParameters
 from barnax.execution import in_float64
-from barnax.model.problem import FACTOR_STEP, Objective, make_problem, rmse, rmse_by_scan
+from barnax.model.problem import FACTOR_STEP, make_problem, rmse_by_scan
 from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
 from barnax.search.evaluate import evaluate
@@ -94,18 +94,6 @@ def test_records_of_many_lengths_share_a_program_and_have_the_bits_each_has_alon
     for ours, expected in zip(together[0].seeds, alone.seeds, strict=True):
         assert ours.parameters == expected.parameters
         assert ours.rmse_v == expected.rmse_v
-
-
-@in_float64
-def test_joint_records_padded_have_their_bits(bundled_cell):
-    joint = problem_of(bundled_cell, "so-rc", [uneven(304, 2), even(150)])
-    point = joint.coordinates.lower + 0.3 * (joint.coordinates.upper - joint.coordinates.lower)
-    rmse_at = jax.jit(rmse)
-    plain_v, padded_v = (
-        float(rmse_at(point, Objective(evaluator, joint.coordinates)))
-        for evaluator in (joint.scan, joint.padded_scan)
-    )
-    assert padded_v == plain_v
 
 
 @pytest.mark.parametrize("circuit", ["so-rc", pytest.param("esc", marks=pytest.mark.slow)])

@@ -40,22 +40,14 @@ def _float64():
         yield
 
 
-@pytest.mark.parametrize(
-    ("capacity_ah", "low_ohm", "high_ohm"),
-    # 0.1 to 200 mohm at 2 Ah; a 33 Ah cell has 2/33 of it.
-    [(2.0, 1e-4, 0.2), (33.0, 6.0606060606e-6, 0.012121212121)],
-)
-def test_resistances_scale_with_the_capacity(capacity_ah, low_ohm, high_ohm):
-    ranges = Bounds.default(capacity_ah, 1.0, 1000.0).ranges
-    for name in ("R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]"):
-        assert ranges[name] == pytest.approx((low_ohm, high_ohm), rel=1e-9)
-
-
 # Bounds
 
 
-def test_time_constants_run_from_half_an_interval_to_the_scored_duration():
-    ranges = Bounds.default(2.0, interval_s=1.016, duration_s=10_800.0).ranges
+def test_resistances_scale_with_the_capacity_and_time_constants_with_the_record():
+    ranges = Bounds.default(33.0, interval_s=1.016, duration_s=10_800.0).ranges
+    # 0.1 to 200 mohm at 2 Ah.
+    for name in ("R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]"):
+        assert ranges[name] == pytest.approx((1e-4 * 2 / 33, 0.2 * 2 / 33), rel=1e-9)
     assert [ranges[name] for name in TAUS] == [(0.508, 10_800.0)] * 2
     # A record of one interval still has a box.
     low, high = Bounds.default(2.0, interval_s=10.0, duration_s=0.0).ranges["tau1 [s]"]
@@ -248,6 +240,3 @@ def test_a_bounded_capacitance_bounds_the_resistance_at_a_time_constant():
     np.testing.assert_allclose(high, [0.2, 0.2, 0.2])
     fixed = BOXES["fixed capacitance"].resistance_box(np.array([5.0, 50.0]))
     assert fixed[0][1] == fixed[1][1] == pytest.approx(5 / 500)
-
-
-# Resistances at given time constants

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -86,33 +86,30 @@ def find_start(
     direction, source = begun.direction_before(first)
     if source == "assumed" and is_relaxing:
         direction, source = -1 if rise_v > 0 else 1, "load before"
-    row, voltage_v, soc_sd = int(record.row[first]), float(record.voltage_v[first]), 0.0
-    unrested, sd_v = begun.unrested, 0.0
+    unrested, voltage_v, sd_v = begun.unrested, float(record.voltage_v[first]), 0.0
     if not unrested:
         voltage_v, sd_v = mean_at_rest(begun.segments, first)
     is_short = record.time_s[first] - record.time_s[0] < MINIMUM_REST_S
-    determined: DeterminedSoc | None = None
+    at, soc_sd = first, 0.0
+    elsewhere: DeterminedSoc | None = None
     notices: list[Notice] = []
     if window.initial_soc is None and (unrested or is_short):
         # Of a record's opening rest nobody knows how long it was; counters tell more, and of one
         # that still relaxes whatever does.
         only = not (unrested or is_relaxing)
-        determined = begun.determined_soc(only_counters=only)
-        if only and determined is not None and begun.denies(voltage_v, sd_v, determined.soc):
-            determined = None
+        elsewhere = begun.determined_soc(only_counters=only)
+        if only and elsewhere is not None and begun.denies(voltage_v, sd_v, elsewhere.soc):
+            elsewhere = None
     if window.initial_soc is not None:
         soc, soc_source = window.initial_soc, window.soc_source or "given"
         soc_sd = 0.0 if window.registration is None else window.registration.told_sd
         if soc_source == "given":
             soc -= begun.counted_soc
-    elif determined is not None:
-        soc, soc_source, soc_sd = determined.soc, determined.source, determined.soc_sd
-        row, voltage_v = (
-            int(record.row[determined.sample]),
-            float(record.voltage_v[determined.sample]),
-        )
+    elif elsewhere is not None:
+        soc, soc_source, at, soc_sd = elsewhere
+        voltage_v = float(record.voltage_v[at])
         if (room := abs(soc - 0.5) + 0.5) > 1 + _BEYOND_AN_END:
-            moved = {"soc": soc, "known_row": row, "capacity_ah": capacity_ah}
+            moved = {"soc": soc, "known_row": record.row[at], "capacity_ah": capacity_ah}
             other_end = {"full end": soc < 0, "empty end": soc > 1}
             if window.capacity_ah is None and other_end.get(soc_source):
                 soc, capacity_ah = float(soc > 1), room * capacity_ah
@@ -124,7 +121,7 @@ def find_start(
         (soc, soc_sd), soc_source = begun.rested(first, direction), "rested voltage"
     elif fitted := None if cell.is_of_records else fitted_soc(record, cell, capacity_ah, first):
         (soc, soc_sd), soc_source = fitted, "fitted"
-        values = {"start_row": row, "soc": soc, "soc_sd": soc_sd}
+        values = {"start_row": record.row[at], "soc": soc, "soc_sd": soc_sd}
         notices = [Notice("start.fitted", values, record.name)]
     else:
         raise unrested.error()
@@ -132,6 +129,7 @@ def find_start(
         direction, source = (1 if soc > 0.5 else -1), "full or empty"
         if soc_source == "rested voltage":
             soc = begun.rested(first, direction)[0]
+    row = int(record.row[at])
     start = Start(soc, soc_source, direction, source, row, voltage_v, soc_sd=soc_sd)
     begun = replace(begun, capacity_ah=capacity_ah)
     if unrested is None:
@@ -144,8 +142,7 @@ def find_start(
     return start, capacity_ah, notices
 
 
-@dataclass(frozen=True)
-class DeterminedSoc:
+class DeterminedSoc(NamedTuple):
     """The state of charge at one sample, how it is known, and where: at the sample `sample`, by
     whose voltage it has the standard error `soc_sd`."""
 
@@ -196,7 +193,7 @@ class _Beginning:
 
     def _carried(self, determined: DeterminedSoc) -> DeterminedSoc:
         passed_ah = self.discharged_ah[determined.sample] - self.discharged_ah[self.first]
-        return replace(determined, soc=float(determined.soc + passed_ah / self.capacity_ah))
+        return determined._replace(soc=float(determined.soc + passed_ah / self.capacity_ah))
 
     def _is_likely(self, determined: DeterminedSoc) -> bool:
         apart_v = _COUNTED_APART_V if determined.source == "counters" else _APART_V
@@ -273,8 +270,8 @@ class _Beginning:
         record, first, is_rested = self.record, self.first, self.segments.is_rested
         about = {"start_row": int(record.row[first])}
         if not is_rested[first]:
-            current_a = record.current_a[first]
-            return Notice("start.unrested", {**about, "current_a": current_a}, record.name)
+            about |= {"current_a": record.current_a[first]}
+            return Notice("start.unrested", about, record.name)
         before = self.segments.loaded[self.segments.loaded < first]
         rest_s = record.time_s[first] - record.time_s[before[-1]] if len(before) else 0.0
         # One sample without current, at the beginning of a record, is no rest.

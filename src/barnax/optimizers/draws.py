@@ -1,8 +1,10 @@
 """Random draws: Threefry without a loop, the tent map, and steps of a Levy flight."""
 
+import functools
 import math
 from typing import Any, Literal
 
+import jax
 import jax.numpy as jnp
 import jax.random as jr
 import numpy as np
@@ -40,11 +42,20 @@ def _hash(
     schedule = (key[0], key[1], key[0] ^ key[1] ^ _PARITY)
     left, right = high + schedule[0], low + schedule[1]
     for group in range(5):
-        for distance in _ROTATIONS[group % 2]:
-            left = left + right
-            right = left ^ (right << np.uint32(distance) | right >> np.uint32(32 - distance))
+        left, right = _four_rounds(left, right, _ROTATIONS[group % 2])
         left = left + schedule[(group + 1) % 3]
         right = right + schedule[(group + 2) % 3] + np.uint32(group + 1)
+    return left, right
+
+
+@functools.partial(jax.jit, static_argnums=2)
+def _four_rounds(left: Array, right: Array, distances: tuple[int, ...]) -> tuple[Array, Array]:
+    for distance in distances:
+        left = lax.add(left, right)
+        rest = lax.shift_right_logical(right, np.uint32(32 - distance))
+        right = lax.bitwise_xor(
+            left, lax.bitwise_or(lax.shift_left(right, np.uint32(distance)), rest)
+        )
     return left, right
 
 

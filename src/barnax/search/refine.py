@@ -25,7 +25,7 @@ from ..execution import (
 from ..model.coordinates import Coordinates
 from ..model.problem import Kind, Objective, Problem, point_blocks, residuals, rmse_by_scan
 from ..schema import Count, Unstored, Volts
-from .seeds import Search
+from .seeds import Search, Undifferentiated
 
 # A parameter this close to an end of its box, as a fraction of the (log) width, is at the bound.
 AT_BOUND = 1e-3
@@ -118,19 +118,6 @@ class Descent:
         return ends, spent
 
 
-class _Undifferentiated(optx.AbstractAdjoint):
-    """Iterations that nothing differentiates: made a program in half the time."""
-
-    def apply(self, primal_fn, rewrite_fn, inputs, tags):
-        def loop(goes_on, step, start, *, max_steps):
-            def goes_on_so_far(carry):
-                return goes_on(carry) & (carry[1] < max_steps)
-
-            return jax.lax.while_loop(goes_on_so_far, step, start)
-
-        return primal_fn((*inputs, loop))
-
-
 def _descend(
     objective: Objective,
     points: Float[Array, "seeds free"],
@@ -148,7 +135,7 @@ def _descend(
     solver = optx.LevenbergMarquardt(
         rtol=to_tolerance, atol=to_tolerance, linear_solver=lx.Normal(lx.Cholesky())
     )
-    how: dict[str, Any] = {"max_steps": STEPS, "adjoint": _Undifferentiated(), "throw": False}
+    how: dict[str, Any] = {"max_steps": STEPS, "adjoint": Undifferentiated(), "throw": False}
 
     def place(angle, start):
         fraction = (start - box.lower) / (box.upper - box.lower)

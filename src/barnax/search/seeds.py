@@ -194,6 +194,19 @@ def search_many(
     return searches
 
 
+class Undifferentiated(optx.AbstractAdjoint):
+    """Iterations that nothing differentiates: made a program in half the time."""
+
+    def apply(self, primal_fn, rewrite_fn, inputs, tags):
+        def loop(goes_on, step, start, *, max_steps):
+            def goes_on_so_far(carry):
+                return goes_on(carry) & (carry[1] < max_steps)
+
+            return jax.lax.while_loop(goes_on_so_far, step, start)
+
+        return primal_fn((*inputs, loop))
+
+
 def _search(
     optimizer: AbstractPopulationMinimiser, objective: Objective, keys: Key[Array, "seeds"]
 ):
@@ -207,7 +220,8 @@ def _search(
             jnp.zeros_like(box.lower),
             objective,
             {"key": key, "lower": box.lower, "upper": box.upper},
-            max_steps=None,
+            max_steps=1,
+            adjoint=Undifferentiated(),
             throw=False,
         )
         stats = solution.stats

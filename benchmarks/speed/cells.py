@@ -2,7 +2,6 @@
 
 import statistics
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -87,14 +86,6 @@ def time_cells(sizes: Sizes) -> Cells:
     peak = peak_mib()
     singles += [_one_cell_s(record, sizes) for record in records[SINGLE_CELLS : 2 * SINGLE_CELLS]]
     return Cells(sizes.cells, prepared_s, searched_s, statistics.median(singles), peak)
-
-
-def grow_cells(sizes: Sizes, cells: Cells) -> Iterator[tuple[int, float]]:
-    """Seconds of more and more cells, `make_problem` included."""
-    for count in sizes.cells_shown:
-        records = [virtual_record(number) for number in range(count)]
-        yield count, sum(identify_cells(records, sizes))
-    yield cells.count, cells.total_s
 
 
 def row_of(cells: Cells, sizes: Sizes) -> Row:

@@ -1,4 +1,4 @@
-"""A good engineer's lines: lfilter under SciPy's optimizers, CMA-ES, mealpy's and a grid."""
+"""A good engineer's lines: lfilter under SciPy's optimizers, CMA-ES and a grid."""
 
 import numpy as np
 from scipy.optimize import OptimizeResult, differential_evolution, least_squares
@@ -40,7 +40,7 @@ class Filtered:
 
     def evolve(self, generations: int, population: int) -> OptimizeResult:
         """SciPy's differential evolution with the same budget, and nothing that stops it early."""
-        found = differential_evolution(
+        evolved = differential_evolution(
             self.rmse,
             list(zip(self.lower, self.upper, strict=True)),
             popsize=population // len(self.lower),
@@ -51,9 +51,9 @@ class Filtered:
             polish=False,
             rng=np.random.default_rng(KEY),
         )
-        if found.nfev != generations * population:
-            raise SystemExit(f"differential evolution spent {found.nfev} evaluations")
-        return found
+        if evolved.nfev != generations * population:
+            raise SystemExit(f"differential evolution spent {evolved.nfev} evaluations")
+        return evolved
 
     def descend(self, starts: np.ndarray) -> list[OptimizeResult]:
         """SciPy's bounded least squares from every start, at its defaults."""
@@ -75,21 +75,11 @@ class Filtered:
         search, tried = CMA(start, sigma=0.3, bounds=limits, seed=KEY), []
         while not search.should_stop():
             points = [search.ask() for _ in range(search.population_size)]
-            told = [(point, self.rmse(self.lower + width * point)) for point in points]
-            search.tell(told)
-            tried += told
+            losses = [(point, self.rmse(self.lower + width * point)) for point in points]
+            search.tell(losses)
+            tried += losses
         point, least = min(tried, key=lambda one: one[1])
         return OptimizeResult(x=self.lower + width * point, fun=least, nfev=len(tried))
-
-    def mate(self, generations: int, population: int) -> OptimizeResult:
-        """mealpy's barnacles mating optimizer at its defaults, with the same budget."""
-        from mealpy import FloatVar
-        from mealpy.bio_based.BMO import OriginalBMO
-
-        bounds = FloatVar(lb=tuple(self.lower), ub=tuple(self.upper))
-        problem = {"obj_func": self.rmse, "bounds": bounds, "minmax": "min", "log_to": None}
-        found = OriginalBMO(epoch=generations, pop_size=population).solve(problem, seed=KEY)
-        return OptimizeResult(x=found.solution, fun=found.target.fitness)
 
     def project(self, nodes: int = 64) -> OptimizeResult:
         """Variable projection: the best resistances of every two time constants of a grid, from one

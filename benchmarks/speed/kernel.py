@@ -23,11 +23,11 @@ Kernel = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 def compile_kernel(folder: Path) -> tuple[str, Kernel]:
     """What the kernel is called, and squared errors of (circuits, current, base error).
 
-    Compiled by the C compiler there is, else by numba. Raises `SystemExit` where there is neither.
+    Raises `SystemExit` where there is no C compiler.
     """
     compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
     if compiler is None:
-        return "numba kernel", _with_numba()
+        raise SystemExit("the baseline needs a C compiler; install one")
     library = folder / "squared_errors.so"
     flags = ["-O3", "-march=native", "-ffast-math", "-shared", "-fPIC"]
     if platform.machine() in ("x86_64", "AMD64"):
@@ -44,27 +44,6 @@ def compile_kernel(folder: Path) -> tuple[str, Kernel]:
         return total
 
     return "C kernel", run
-
-
-def _with_numba() -> Kernel:
-    try:
-        import numba
-    except ImportError:
-        raise SystemExit("the baseline needs a C compiler or numba; install either") from None
-
-    @numba.njit(fastmath=True)
-    def run(circuits, current_a, base_v):
-        decay1, push1, decay2, push2, r0 = circuits
-        state1, state2, total = (np.zeros_like(r0) for _ in range(3))
-        for current, base in zip(current_a, base_v):  # noqa: B905, numba knows no strict
-            for lane in range(len(r0)):
-                error = base + r0[lane] * current + state1[lane] + state2[lane]
-                total[lane] += error * error
-                state1[lane] = decay1[lane] * state1[lane] + push1[lane] * current
-                state2[lane] = decay2[lane] * state2[lane] + push2[lane] * current
-        return total
-
-    return run
 
 
 def lanes_of(problem: barnax.Problem, points: np.ndarray) -> np.ndarray:

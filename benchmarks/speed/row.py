@@ -1,7 +1,7 @@
 """One line of the table: a work, its baseline in the same turns, the aim, and whether it is met."""
 
-from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Literal
 
 Kind = Literal["times faster", "times as long"]
 
@@ -38,10 +38,6 @@ class Row:
             return "-"
         bound = "at least" if self.kind == "times faster" else "at most"
         return f"{bound} {self.aim:g} {self.kind}"
-
-    def as_dict(self) -> dict[str, Any]:
-        """Everything, for a CSV file."""
-        return {"section": "work", **asdict(self), "verdict": self.verdict}
 
 
 def seconds(value: float) -> str:

@@ -5,10 +5,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Sizes:
-    """Numbers of turns, generations, seeds, cells and samples.
-
-    `evaluations_of_peers` bounds a fit that would take hours; its whole time is extrapolated.
-    """
+    """Numbers of turns, generations, seeds, cells and samples."""
 
     turns: int = 5
     generations_a_turn: int = 10
@@ -17,12 +14,10 @@ class Sizes:
     seeds_shown: tuple[int, ...] = (1, 3, 10, 30, 100)
     cells: int = 1000
     seeds_a_cell: int = 10
-    cells_shown: tuple[int, ...] = (1, 10, 100)
     lengths: tuple[int, ...] = (10**3, 10**4, 10**5, 10**6, 10**7)
     longest_scan: int = 10**6
     starts: int = 10
     warm_starts: int = 3
-    evaluations_of_peers: int = 20
     rows_read: int = 2_600_000
 
 
@@ -34,12 +29,10 @@ QUICK = Sizes(
     seeds_shown=(1, 9),
     cells=20,
     seeds_a_cell=3,
-    cells_shown=(1, 3),
     lengths=(10**3, 10**4, 10**5),
     longest_scan=10**4,
     starts=3,
     warm_starts=1,
-    evaluations_of_peers=2,
     rows_read=100_000,
 )
 

@@ -1,7 +1,5 @@
 """The rows of the table, all in the same turns."""
 
-from importlib.util import find_spec
-
 import numpy as np
 from scipy.optimize import OptimizeResult
 
@@ -17,8 +15,6 @@ from .sizes import POPULATION, Sizes
 from .turns import Run, Taken, take_turns
 
 LARGE = 900
-# Packages that only who times them needs, by their run.
-EXTRA = {"cma": "cmaes", "mealpy": "mealpy"}
 # Two optima of one problem that are the same optimum.
 SAME = 1e-3
 
@@ -51,7 +47,7 @@ def time_generations(name: str, kernel: Kernel, sizes: Sizes) -> list[Row]:
 
 
 def time_searches(name: str, kernel: Kernel, sizes: Sizes) -> tuple[list[Row], list[str]]:
-    """Everything that is compared with whole searches, and what the runs found."""
+    """Everything that is compared with whole searches, and the answers of the runs."""
     scan, short = bundled_problem("scan"), bundled_problem("compressed")
     filtered = Filtered(scan)
     arrays = (filtered.current_a, filtered.base_v)
@@ -62,11 +58,11 @@ def time_searches(name: str, kernel: Kernel, sizes: Sizes) -> tuple[list[Row], l
     starts = np.asarray(points_in(logs, sizes.starts))
     circuits = short.parameters_at(starts, logs)
     descent = Descent(short)
-    found: dict[str, object] = {}
+    answers: dict[str, object] = {}
 
     def keep(key, call):
         def run():
-            found[key] = call()
+            answers[key] = call()
 
         return run
 
@@ -74,9 +70,8 @@ def time_searches(name: str, kernel: Kernel, sizes: Sizes) -> tuple[list[Row], l
         for _ in range(sizes.generations):
             kernel(lanes, *arrays)
 
-    budget = sizes.generations, POPULATION
     runs = {
-        "de": Run(keep("de", lambda: filtered.evolve(*budget))),
+        "de": Run(keep("de", lambda: filtered.evolve(sizes.generations, POPULATION))),
         "scan": Run(one_search(scan.objective, sizes)),
         "kernel": Run(generations_of_kernel),
         "compressed": Run(one_search(short.objective, sizes), calls=5),
@@ -87,7 +82,6 @@ def time_searches(name: str, kernel: Kernel, sizes: Sizes) -> tuple[list[Row], l
         ),
         "certified": Run(keep("certified", lambda: barnax.find_global_optimum(bundled_problem()))),
         "cma": Run(keep("cma", filtered.adapt)),
-        "mealpy": Run(keep("mealpy", lambda: filtered.mate(*budget))),
         "projection": Run(
             keep("projection", lambda: Filtered(bundled_problem()).project()), calls=5
         ),
@@ -97,8 +91,6 @@ def time_searches(name: str, kernel: Kernel, sizes: Sizes) -> tuple[list[Row], l
         "nodes": Run(lambda: kernel(node_lanes, *arrays), calls=10),
         "reduction": Run(lambda: reduce_record(short), calls=3),
     }
-    absent = {run for run, package in EXTRA.items() if find_spec(package) is None}
-    runs = {name: run for name, run in runs.items() if name not in absent}
     taken = take_turns(runs, sizes.turns)
     search = f"full search {POPULATION} x {sizes.generations}"
     evaluations = f"{POPULATION * sizes.generations:,} evaluations"
@@ -121,19 +113,14 @@ def time_searches(name: str, kernel: Kernel, sizes: Sizes) -> tuple[list[Row], l
                 note="`make_problem` and `identify` as a user calls them"),
         _faster(f"multi-start LM from {sizes.starts} starts, {after}", taken, "lm", "trf", trf,
                 20.0),
-        _faster(f"{optimum}, not proved", taken, "optimum", "de", de, 30.0,
-                note="`make_problem` and `find_global_optimum(problem, prove=False)`"),
-        _faster(f"{optimum}, with its certificate", taken, "certified", "de", de, 30.0,
-                note=proved),
         *(_faster(f"{optimum}, with its certificate", taken, "certified", peer, baseline, aim,
                   note=proved)
           for peer, baseline, aim in (
-              ("trf", trf, 8.0), ("cma", "lfilter + CMA-ES, until it stops", None),
-              ("mealpy", f"lfilter + mealpy's BMO, {evaluations}", None),
-              ("projection", projection, None)) if peer not in absent),
+              ("de", de, 30.0), ("trf", trf, 8.0),
+              ("cma", "lfilter + CMA-ES, until it stops", None))),
         _at_most(f"{optimum}, not proved", taken, "optimum", "projection", projection, 1.0),
     ]  # fmt: skip
-    return rows, _what_was_found(found)
+    return rows, _answers(answers)
 
 
 def rmse_of(descended: OptimizeResult) -> float:
@@ -141,29 +128,24 @@ def rmse_of(descended: OptimizeResult) -> float:
     return float((2 * descended.cost / len(descended.fun)) ** 0.5)
 
 
-def _what_was_found(found: dict) -> list[str]:
+def _answers(answers: dict) -> list[str]:
     """The RMSE each method reached: a fast wrong answer is none."""
-    optimum = found["certified"]
-    descents = [each.rmse_v for each in found["lm"]]
-    filtered = [rmse_of(each) for each in found["trf"]]
+    optimum = answers["certified"]
+    descents = [each.rmse_v for each in answers["lm"]]
+    filtered = [rmse_of(each) for each in answers["trf"]]
     best = (1 + SAME) * optimum.rmse_v
     return [
         f"global optimum: {1e3 * optimum.rmse_v:.4f} mV, {optimum.status}; without proof "
-        f"{1e3 * found['optimum'].rmse_v:.4f} mV",
+        f"{1e3 * answers['optimum'].rmse_v:.4f} mV",
         f"LM: best {1e3 * min(descents):.4f} mV, "
         f"{sum(each < best for each in descents)} of {len(descents)} starts at the optimum",
         f"TRF from the same starts: best {1e3 * min(filtered):.4f} mV, "
         f"{sum(each < best for each in filtered)} of {len(filtered)} starts at the optimum, "
-        f"{sum(each.nfev for each in found['trf'])} evaluations without those of its Jacobians",
-        f"SciPy DE: {1e3 * found['de'].fun:.4f} mV",
-        *(
-            f"{package}: {1e3 * found[run].fun:.4f} mV"
-            if run in found
-            else f"{package} is not installed, and not compared"
-            for run, package in EXTRA.items()
-        ),
-        f"variable projection: {1e3 * rmse_of(found['projection']):.4f} mV, unproved",
-        f"ibmo, best of all seeds: {1e3 * found['seeds'].best.rmse_v:.4f} mV",
+        f"{sum(each.nfev for each in answers['trf'])} evaluations without those of its Jacobians",
+        f"SciPy DE: {1e3 * answers['de'].fun:.4f} mV",
+        f"CMA-ES: {1e3 * answers['cma'].fun:.4f} mV, {answers['cma'].nfev:,} evaluations",
+        f"variable projection: {1e3 * rmse_of(answers['projection']):.4f} mV, unproved",
+        f"ibmo, best of all seeds: {1e3 * answers['seeds'].best.rmse_v:.4f} mV",
     ]
 
 

@@ -1,1 +1,0 @@
-"""Designed tests beside HPPC and OCV tests, on known truths and on measured records."""

@@ -21,7 +21,7 @@ def fresh(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
 
 def test_without_a_word_it_is_the_cpu(fresh):
     devices.prefer_cpu()
-    assert devices.told() == {"JAX_PLATFORMS": "cpu"}
+    assert devices.given_platforms() == {"JAX_PLATFORMS": "cpu"}
 
 
 @pytest.mark.parametrize("name", devices.VARIABLES)
@@ -29,10 +29,10 @@ def test_without_a_word_it_is_the_cpu(fresh):
 def test_what_the_environment_says_stays(fresh, name, value):
     fresh.setenv(name, value)
     devices.prefer_cpu()
-    assert devices.told() == {name: value}
+    assert devices.given_platforms() == {name: value}
 
 
 def test_a_process_that_has_loaded_jax_is_left_alone(fresh):
     fresh.setitem(sys.modules, "jax", os)
     devices.prefer_cpu()
-    assert devices.told() == {}
+    assert devices.given_platforms() == {}

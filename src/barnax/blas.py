@@ -15,8 +15,8 @@ from threadpoolctl import ThreadpoolController
 class _Libraries(NamedTuple):
     """One number of threads for the process, or one for every thread of Python."""
 
-    shared: ThreadpoolController
-    own: ThreadpoolController
+    per_process: ThreadpoolController
+    per_thread: ThreadpoolController
 
 
 # What restores the process's number, as often as there are threads inside `one_blas_thread`.
@@ -32,11 +32,11 @@ def one_blas_thread() -> Iterator[None]:
     so that none computes on more.
     """
     libraries = _libraries()
-    with libraries.own.limit(limits=1):
+    with libraries.per_thread.limit(limits=1):
         with _LOCK:
             if not _INSIDE:
                 _take_control()
-            _INSIDE.append(_INSIDE[0] if _INSIDE else libraries.shared.limit(limits=1))
+            _INSIDE.append(_INSIDE[0] if _INSIDE else libraries.per_process.limit(limits=1))
         try:
             yield
         finally:
@@ -54,8 +54,8 @@ def _libraries() -> _Libraries:
     every = ThreadpoolController().select(user_api="blas")
     paths: dict[bool, list[str]] = {True: [], False: []}
     for one in every.info():
-        is_own = (one["internal_api"], one.get("threading_layer")) == ("openblas", "openmp")
-        paths[is_own].append(one["filepath"])
+        is_per_thread = (one["internal_api"], one.get("threading_layer")) == ("openblas", "openmp")
+        paths[is_per_thread].append(one["filepath"])
     return _Libraries(every.select(filepath=paths[False]), every.select(filepath=paths[True]))
 
 

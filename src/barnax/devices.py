@@ -8,7 +8,7 @@ import platformdirs
 VARIABLES = ("JAX_PLATFORMS", "JAX_PLATFORM_NAME")
 
 
-def told() -> dict[str, str]:
+def given_platforms() -> dict[str, str]:
     """The environment's words on where JAX computes; empty ones leave it to JAX."""
     return {name: os.environ[name] for name in VARIABLES if name in os.environ}
 
@@ -20,7 +20,7 @@ def prefer_cpu() -> None:
     the CPU (benchmarks/results/devices.md), and
     each process of a fleet would claim most of its memory.
     """
-    if not told() and "jax" not in sys.modules:
+    if not given_platforms() and "jax" not in sys.modules:
         os.environ["JAX_PLATFORMS"] = "cpu"
 
 

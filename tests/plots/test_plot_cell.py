@@ -11,7 +11,7 @@ from barnax.cell import CellModel, InterpolatedCurve, OcvPoint, SegmentedHystere
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
 from barnax.plots import plot_ocv, plot_pulses
-from barnax.plots.cell import plot_own_ocv
+from barnax.plots.cell import plot_fitted_ocv
 from barnax.pulses import levels, pulses_of
 from barnax.search.evaluate import evaluate
 from helpers.results import labels, line
@@ -62,7 +62,7 @@ def test_an_ocv_of_the_records_own_is_a_line_with_intervals_and_no_points():
     own = replace(made, discharge_points=points)
     nodes = [SimpleNamespace(soc=soc, low=2.9 + soc, high=3.1 + soc) for soc in SOC]
     for figure, told in (
-        (plot_own_ocv(own, nodes), ["95 % interval", "identified from the record"]),
+        (plot_fitted_ocv(own, nodes), ["95 % interval", "identified from the record"]),
         (plot_ocv(own), ["identified from the record"]),
     ):
         (axes,) = figure.axes

@@ -171,8 +171,8 @@ def prepare_jax() -> None:
 
 def require_platform() -> None:
     """Raise `InputError` where JAX is told to compute on what is not there."""
-    told = devices.told()
-    if set(told.values()) <= {"cpu", ""}:
+    platforms = devices.given_platforms()
+    if set(platforms.values()) <= {"cpu", ""}:
         return
     import jax
 
@@ -180,9 +180,9 @@ def require_platform() -> None:
         jax.devices()
     # Without the plugin of a platform JAX fails an assertion of its own.
     except (RuntimeError, AssertionError) as problem:
-        named = ", ".join(f"{name}={printable(value)}" for name, value in told.items())
+        named = ", ".join(f"{name}={printable(value)}" for name, value in platforms.items())
         reason = f" ({reason_of(problem)})" if str(problem) else ""
         raise InputError(
-            f"{named}: JAX cannot compute there{reason}; unset {' and '.join(told)} to compute on "
-            "the CPU, or install JAX for it, such as jax[cuda13]"
+            f"{named}: JAX cannot compute there{reason}; unset {' and '.join(platforms)} to "
+            "compute on the CPU, or install JAX for it, such as jax[cuda13]"
         ) from problem

@@ -225,5 +225,5 @@ class CoevolvingSwarm(AbstractFlyingSwarm):
 
     def _is_moved(self, dims: int) -> Bool[Array, "candidates dims"]:
         groups = min(self.groups, dims, self.population // 2)
-        own = jnp.arange(self.population) % groups
-        return own[:, None] == (jnp.arange(dims) * groups // dims)[None]
+        group = jnp.arange(self.population) % groups
+        return group[:, None] == (jnp.arange(dims) * groups // dims)[None]

@@ -52,7 +52,7 @@ def plot_ocv(cell: "CellModel | Result | str | Path") -> Figure:
         result = style.opened(cell)
         cell, nodes = result.cell, [fact for fact in result.fit.facts if fact.name == OCV]
     if cell.is_of_records:
-        return plot_own_ocv(cell, nodes)
+        return plot_fitted_ocv(cell, nodes)
     branches = [
         (name, curve, np.array([(point.soc, point.voltage_v) for point in points]).T, look)
         for name, curve, points, look in (
@@ -88,14 +88,14 @@ def plot_ocv(cell: "CellModel | Result | str | Path") -> Figure:
     return style.finish(figure, *figure.axes)
 
 
-def plot_own_ocv(cell: CellModel, nodes: "Sequence[Fact]") -> Figure:
+def plot_fitted_ocv(cell: CellModel, nodes: "Sequence[Fact]") -> Figure:
     """An OCV of the records' own over SOC with the intervals of its nodes; where a hysteresis was
     identified with it, its branches too."""
     figure = style.make_figure()
     axes = figure.subplots()
-    known = [(node.soc, node.low, node.high) for node in nodes if node.low is not None]
-    if known:
-        axes.fill_between(*np.array(known, float).T, **style.BAND, label="95 % interval")
+    bounded = [(node.soc, node.low, node.high) for node in nodes if node.low is not None]
+    if bounded:
+        axes.fill_between(*np.array(bounded, float).T, **style.BAND, label="95 % interval")
     soc = np.linspace(*cell.soc_range, CURVE_SAMPLES)
     label = "identified from the record"
     axes.plot(soc, cell.average_ocv_v(soc), color=style.BLUE, label=label)
@@ -184,10 +184,10 @@ def plot_pulse_resistances(pulses: Sequence[Pulse], capacity_ah: float) -> Figur
         soc = np.array([pulse.soc for pulse in level])
         columns = np.array([pulse.resistance_ohm for pulse in level], float).T
         for (label, look), ohm in zip(looks.items(), columns, strict=True):
-            known = np.isfinite(ohm)
-            if known.any():
+            is_drawn = np.isfinite(ohm)
+            if is_drawn.any():
                 mark = {"color": look.color, "marker": look.marker, "markersize": 3.6}
-                axes.plot(soc[known], 1e3 * ohm[known], **mark, label=label)
+                axes.plot(soc[is_drawn], 1e3 * ohm[is_drawn], **mark, label=label)
     _from_zero(panels)
     return style.finish(figure, *panels, columns=5)
 

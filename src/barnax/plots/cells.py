@@ -106,12 +106,12 @@ def numbers_of(names: Sequence[str]) -> list[str]:
     apart = []
     if len({re.sub(r"\d+", "#", name) for name in names}) == 1:
         columns = enumerate(zip(*numbers, strict=True))
-        apart = [column for column, found in columns if len({each[0] for each in found}) > 1]
+        apart = [column for column, digits in columns if len({each[0] for each in digits}) > 1]
     if not apart:
         return [*names]
     return [
-        name[found[apart[0]].start() : found[apart[-1]].end()]
-        for name, found in zip(names, numbers, strict=True)
+        name[digits[apart[0]].start() : digits[apart[-1]].end()]
+        for name, digits in zip(names, numbers, strict=True)
     ]
 
 
@@ -143,14 +143,14 @@ def plot_fleet_life(life: "Life") -> Figure:
     looks = style.row_looks(life.cells)
     for quantity, axes in panels.items():
         trends = life.of(quantity)
-        known = [trend for trend in trends if trend.estimates]
+        determined = [trend for trend in trends if trend.estimates]
         if len(life.cells) > MOST_NAMED:
             _draw_many(axes, life, quantity, trends)
         else:
-            for number, trend in enumerate(known):
-                apart = APART * life.span * (number - (len(known) - 1) / 2)
+            for number, trend in enumerate(determined):
+                apart = APART * life.span * (number - (len(determined) - 1) / 2)
                 _draw_trend(axes, life, trend, looks[trend.cell], apart, trend.cell)
-        _say_where_empty(axes, known)
+        _say_where_empty(axes, determined)
     return style.finish(figure, *panels.values(), columns=MOST_NAMED)
 
 
@@ -164,13 +164,13 @@ def plot_cell_life(life: "Life", cell: str) -> Figure:
     """
     figure, panels = _life_panels(life)
     for quantity, axes in panels.items():
-        known = [trend for trend in life.of(quantity, cell) if trend.estimates]
-        for trend in known:
+        determined = [trend for trend in life.of(quantity, cell) if trend.estimates]
+        for trend in determined:
             _draw_trend(axes, life, trend, style.RowLook(style.BLUE, "-", "o"))
         for fault in life.faults:
             if (fault.cell, fault.quantity) == (cell, quantity) and fault.kind in ("knee", "step"):
                 axes.axvline(fault.age, color=style.VERMILLION, linewidth=0.8, linestyle="--")
-        _say_where_empty(axes, known)
+        _say_where_empty(axes, determined)
     return style.finish(figure, *panels.values(), columns=2)
 
 
@@ -209,15 +209,15 @@ def _draw_many(axes: Axes, life: "Life", quantity: str, trends: "Sequence[Trend]
             look = {"color": style.VERMILLION, "zorder": 3}
         axes.plot(trend.age, scale * trend.smooth[:, 0], linewidth=0.8, **look)
     smooth = scale * np.concatenate([trend.smooth for trend in trends])
-    known = smooth[np.isfinite(smooth).all(axis=1)]
-    if len(known):
-        value, low, high = np.median(known, axis=0)
+    determined = smooth[np.isfinite(smooth).all(axis=1)]
+    if len(determined):
+        value, low, high = np.median(determined, axis=0)
         bar = {"color": style.BLACK, "capsize": 2.0, "label": "median 95 % interval"}
         age = life.first_age + life.span * (1 + MARGIN / 2)
         axes.errorbar([age], [value], [[value - low], [high - value]], **bar)
 
 
-def _say_where_empty(axes: Axes, known: "Sequence[Trend]") -> None:
-    if not known:
+def _say_where_empty(axes: Axes, determined: "Sequence[Trend]") -> None:
+    if not determined:
         middle = {"ha": "center", "va": "center", "transform": axes.transAxes}
         axes.text(0.5, 0.5, "not determined", color=style.GREY, **middle)

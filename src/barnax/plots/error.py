@@ -229,13 +229,13 @@ def plot_soc_replay(replay: "SocReplay") -> Figure:
     kind = "Gaussian sum" if replay.settings.kind == "sum" else replay.settings.kind.upper()
     style.title(counted, f"{replay.record}: {replay.model}, {kind}")
     widest = _widest_percent(replay)
-    for place, (axes, part) in enumerate(zip(errors, replay.scenarios, strict=True)):
-        color = SCENARIO_COLORS[place % len(SCENARIO_COLORS)]
-        band = 100 * BAND_SD * np.nan_to_num(traces.estimate.soc_sd[place])
+    for row, (axes, part) in enumerate(zip(errors, replay.scenarios, strict=True)):
+        color = SCENARIO_COLORS[row % len(SCENARIO_COLORS)]
+        band = 100 * BAND_SD * np.nan_to_num(traces.estimate.soc_sd[row])
         shade = {"color": style.SHADE, "linewidth": 0, "label": "95 % band of the filter"}
         axes.fill_between(clock.time, -band, band, **shade)
         axes.axhline(0.0, color=style.BLACK, linewidth=0.6)
-        off = 100 * (np.asarray(traces.estimate.soc[place]) - traces.truth)
+        off = 100 * (np.asarray(traces.estimate.soc[row]) - traces.truth)
         style.draw_line(axes, clock.time, off, color=color)
         beyond = float(np.max(np.abs(off), where=np.isfinite(off), initial=0.0))
         reach = max(widest, min(1.1 * beyond, 100.0)) if part.is_lost else widest
@@ -243,9 +243,9 @@ def plot_soc_replay(replay: "SocReplay") -> Figure:
         outside = f"; off scale: up to {beyond:.2g} %" if beyond > reach else ""
         style.title(axes, f"{part.name}: {_course(part)}{outside}")
         # Counting from the right start is the counter itself.
-        if np.nanmax(np.abs(traces.counted[place] - traces.truth)) > SAME_SOC:
+        if np.nanmax(np.abs(traces.counted[row] - traces.truth)) > SAME_SOC:
             look = {"color": color, "linestyle": "--", "label": f"counting, {part.name}"}
-            style.draw_line(counted, clock.time, 100 * traces.counted[place], **look)
+            style.draw_line(counted, clock.time, 100 * traces.counted[row], **look)
     starts = np.asarray(traces.counted)[:, 0]
     beside = max(BESIDE, 105 * float(np.nanmax(np.abs(starts - traces.truth[0]), initial=0.0)))
     # Above full, only a start that is drawn there needs room.

@@ -175,9 +175,9 @@ def plot_tables(fit: "TableFit", constant: "CircuitParameters | None" = None) ->
         value = 1e3 * ohm[name] if name in ohm else None
         if value is not None:
             # It says something where the records do.
-            told = table.seen if table.nodes["is_visited"].any() else table
+            shown = table.seen if table.nodes["is_visited"].any() else table
             look = {"color": style.GREY, "linewidth": 1.4, "zorder": 1}
-            axes.plot(told.nodes["soc"][[0, -1]], [value] * 2, **look, label="constant circuit")
+            axes.plot(shown.nodes["soc"][[0, -1]], [value] * 2, **look, label="constant circuit")
         limits = scale_of([table])
         axes.set_ylim(limits)
         outside = textwrap.fill(off_the_scale([table], limits, value), LETTERS)
@@ -190,16 +190,16 @@ def plot_tables(fit: "TableFit", constant: "CircuitParameters | None" = None) ->
 
 def _draw_table(axes: Axes, table: DrawnTable) -> None:
     nodes, is_visited = table.nodes, table.nodes["is_visited"]
-    is_known = is_visited & np.isfinite(nodes["low"]) & np.isfinite(nodes["high"])
-    known = nodes[is_known]
+    is_bounded = is_visited & np.isfinite(nodes["low"]) & np.isfinite(nodes["high"])
+    bounded = nodes[is_bounded]
     line: dict[str, Any] = {"color": style.BLUE, "zorder": 3}
     axes.plot(nodes["soc"], nodes["value"], linestyle=(0, (3, 2)), linewidth=0.8, **line)
     axes.plot(nodes["soc"], np.where(is_visited, nodes["value"], np.nan), linewidth=1.2, **line)
     band: dict[str, Any] = {**style.BAND, "label": "95 % interval"}
-    axes.fill_between(nodes["soc"], nodes["low"], nodes["high"], where=is_known, zorder=2, **band)
+    axes.fill_between(nodes["soc"], nodes["low"], nodes["high"], where=is_bounded, zorder=2, **band)
     # A node whose neighbors have no interval has no area to fill.
     ends: dict[str, Any] = {"color": style.SKY_BLUE, "linewidth": 1.0, "zorder": 2}
-    axes.vlines(known["soc"], known["low"], known["high"], **ends)
+    axes.vlines(bounded["soc"], bounded["low"], bounded["high"], **ends)
     dot: dict[str, Any] = {"marker": "o", "markersize": 3.6, "color": style.BLUE}
     cross: dict[str, Any] = {"marker": "x", "markersize": 5.5, "color": style.VERMILLION}
     hollow: dict[str, Any] = {**dot, **style.OPEN, "markeredgecolor": style.BLUE}
@@ -229,7 +229,7 @@ POINTS: Final = 101
 
 
 @style.figure_style()
-def plot_over_temperature(found: "TableFits") -> Figure:
+def plot_over_temperature(table_fits: "TableFits") -> Figure:
     """Every resistance over temperature, a line a state of charge.
 
     Marks with intervals are the measured temperatures, drawn a little apart so that none hides
@@ -239,12 +239,12 @@ def plot_over_temperature(found: "TableFits") -> Figure:
     Args:
         found: Tables of several temperatures.
     """
-    over, between = found.over_temperature, found.tables
+    over, between = table_fits.over_temperature, table_fits.tables
     if over is None or between is None:
         raise ValueError("these tables are of one temperature")
-    degc, fits = np.array(over.temperatures_degc), [drawn_tables(fit) for fit in found.fits]
+    degc, fits = np.array(over.temperatures_degc), [drawn_tables(fit) for fit in table_fits.fits]
     names = [name for name, table in fits[0].items() if table.is_resistance]
-    chosen = _chosen_nodes(found.fits)
+    chosen = _chosen_nodes(table_fits.fits)
     colors = matplotlib.colormaps[COLORS](np.linspace(0.0, LIGHTEST, len(chosen)))
     fine = np.linspace(degc[0], degc[-1], POINTS)
     courses = [between.at(float(at_degc)).tables for at_degc in fine]
@@ -259,7 +259,7 @@ def plot_over_temperature(found: "TableFits") -> Figure:
             reach = np.maximum([at["value"] - at["low"], at["high"] - at["value"]], 0.0)
             apart = APART * (fine[-1] - fine[0]) * (number - (len(chosen) - 1) / 2)
             look = {"fmt": "o", "color": color, "markersize": 3.6}
-            label = f"SOC {100 * found.fits[0].tables.nodes[node]:g} %"
+            label = f"SOC {100 * table_fits.fits[0].tables.nodes[node]:g} %"
             axes.errorbar(degc + apart, at["value"], reach, **look, label=label)
         axes.plot([], [], color=style.GREY, **BETWEEN, label="interpolated")
         axes.margins(x=0.05)
@@ -277,8 +277,8 @@ def _chosen_nodes(fits: "Sequence[TableFit]") -> list[int]:
     """The nodes nearest to `SOC` of those that samples of every temperature visit."""
     is_seen = np.all([fit.tables.visited for fit in fits], axis=0)
     nodes = np.array(fits[0].tables.nodes)
-    known = np.flatnonzero(is_seen) if is_seen.any() else np.arange(len(nodes))
-    return sorted({int(known[np.argmin(np.abs(nodes[known] - soc))]) for soc in SOC})
+    candidates = np.flatnonzero(is_seen) if is_seen.any() else np.arange(len(nodes))
+    return sorted({int(candidates[np.argmin(np.abs(nodes[candidates] - soc))]) for soc in SOC})
 
 
 SUMMARY_COLORS: Final = (style.BLUE, style.ORANGE, style.GREEN, style.PURPLE, style.VERMILLION)
@@ -344,8 +344,8 @@ def _draw_resistances(axes: Axes, evaluation: "Evaluation", fit: "TableFit") -> 
     lines: list[Line2D] = []
     for table, color in zip(tables, SUMMARY_COLORS, strict=False):
         nodes = table.nodes
-        is_known = np.isfinite(nodes["low"]) & np.isfinite(nodes["high"])
-        band = {"where": is_known, "color": color, "alpha": 0.2, "linewidth": 0.0}
+        is_bounded = np.isfinite(nodes["low"]) & np.isfinite(nodes["high"])
+        band = {"where": is_bounded, "color": color, "alpha": 0.2, "linewidth": 0.0}
         at_soc = nodes["soc"] if table.has_nodes else np.array([soc.min(), soc.max()])
         axes.fill_between(at_soc, nodes["low"], nodes["high"], **band)
         marker = "o" if table.has_nodes else ""

@@ -376,9 +376,9 @@ def row_looks(labels: Collection[str]) -> dict[str, RowLook]:
         return {ALONE: RowLook(BLACK, "-", "")}
     return {
         label: RowLook(
-            ROW_COLORS[place % len(ROW_COLORS)],
-            LINES[place % len(LINES)],
-            MARKERS[place % len(MARKERS)],
+            ROW_COLORS[index % len(ROW_COLORS)],
+            LINES[index % len(LINES)],
+            MARKERS[index % len(MARKERS)],
         )
-        for place, label in enumerate(labels)
+        for index, label in enumerate(labels)
     }

@@ -121,45 +121,45 @@ def evaluate_from_either(
 ) -> Evaluation:
     """A circuit on a record it was not fitted to, from the direction that fits better if open."""
     prepared, other = both_directions(prepared)
-    own = evaluated(prepared)
+    given = evaluated(prepared)
     if other is None:
-        return own
+        return given
     tried = evaluated(other)
-    best, rest = (tried, own) if tried.metrics.rmse_v < own.metrics.rmse_v else (own, tried)
+    best, rest = (tried, given) if tried.metrics.rmse_v < given.metrics.rmse_v else (given, tried)
     return replace(best, prepared=best.prepared.fitting_better(rest.metrics.rmse_v))
 
 
 def with_registered(
-    own: Evaluation, evaluated: Callable[[PreparedRecord], Evaluation]
+    evaluation: Evaluation, evaluated: Callable[[PreparedRecord], Evaluation]
 ) -> Evaluation:
     """The same with what moving the start would gain: by a Gauss-Newton step, for the error is
     nearly linear in it. Where the step leaves the OCV, or gains nothing, the start stays."""
-    prepared = own.prepared
+    prepared = evaluation.prepared
 
     def moved(soc: float) -> Evaluation | None:
         settled = replace(prepared, window=prepared.settled_window)
         record = settled.registered(prepared.start.soc + soc, prepared.capacity_ah)
         return None if record is None else evaluated(record)
 
-    stays = replace(own, registered=(0.0, own.metrics.rmse_v))
+    stays = replace(evaluation, registered=(0.0, evaluation.metrics.rmse_v))
     # Towards the middle, where the OCV goes on.
     step = PROBE_SOC if prepared.start.soc < 0.5 else -PROBE_SOC
     probed = moved(step)
     if probed is None:
         return stays
-    probed_v, own_v = _in_both(probed, own)
-    slope_v = (probed_v - own_v) / step
+    probed_v, given_v = _in_both(probed, evaluation)
+    slope_v = (probed_v - given_v) / step
     size = float(slope_v @ slope_v)
-    soc = -float(slope_v @ own_v) / size if size else 0.0
+    soc = -float(slope_v @ given_v) / size if size else 0.0
     soc = min(max(soc, -MAX_MOVED_SOC), MAX_MOVED_SOC)
-    found = moved(soc)
-    if found is None:
+    shifted = moved(soc)
+    if shifted is None:
         return stays
-    before, after = _in_both(own, found)
+    before, after = _in_both(evaluation, shifted)
     # The samples that count may be others then.
     is_less = float(after @ after) < float(before @ before)
-    is_less &= found.metrics.rmse_v < own.metrics.rmse_v
-    return replace(own, registered=(soc, found.metrics.rmse_v)) if is_less else stays
+    is_less &= shifted.metrics.rmse_v < evaluation.metrics.rmse_v
+    return replace(evaluation, registered=(soc, shifted.metrics.rmse_v)) if is_less else stays
 
 
 def _in_both(*evaluations: Evaluation) -> Iterator[Float[np.ndarray, "scored"]]:
@@ -177,21 +177,23 @@ def step_warnings(evaluation: Evaluation, parameters: CircuitParameters) -> Iter
     before, after = steps_of(prepared)
     if len(before) < FEWEST_STEPS:
         return
-    step_a, after_s = (own[after] - own[before] for own in (prepared.current_a, prepared.time_s))
-    own_ohm, shown_ohm = (
-        (own_v[before] - own_v[after]) / step_a
-        for own_v in (evaluation.simulated_v, prepared.voltage_v)
+    step_a, after_s = (
+        values[after] - values[before] for values in (prepared.current_a, prepared.time_s)
+    )
+    simulated_ohm, shown_ohm = (
+        (voltage_v[before] - voltage_v[after]) / step_a
+        for voltage_v in (evaluation.simulated_v, prepared.voltage_v)
     )
     has_law = parameters.dependence is not None
-    r0_ohm = own_ohm if has_law else parameters.at(OHMIC, prepared.soc[before])
+    r0_ohm = simulated_ohm if has_law else parameters.at(OHMIC, prepared.soc[before])
     above_ohm = r0_ohm - shown_ohm
     median_ohm = float(np.median(above_ohm))
     # Of a median of normal values, and a robust one: steps of an empty cell scatter far more.
     freedom, spread_ohm = len(before) - 1, 1.4826 * np.median(np.abs(above_ohm - median_ohm))
     error_ohm = math.sqrt(math.pi / 2 / freedom) * float(spread_ohm)
     if median_ohm > float(stdtrit(freedom, 0.975)) * error_ohm:
-        told = {"own_ohm": own_ohm, "shown_ohm": shown_ohm, "after_s": after_s}
-        medians = {name: float(np.median(values)) for name, values in told.items()}
+        facts = {"own_ohm": simulated_ohm, "shown_ohm": shown_ohm, "after_s": after_s}
+        medians = {name: float(np.median(values)) for name, values in facts.items()}
         yield Notice("answer.r0-above-steps", medians, prepared.record.name)
 
 
@@ -231,9 +233,9 @@ def open_starts(
     start is from what they tell, in standard errors."""
     # Half the digits are enough of an error of an error.
     by_start_v = [
-        -float(own.start.soc_sd)
-        * own.cell.ocv_slope(own.soc[own.scored])[:, None].astype(np.float32)
-        for own in prepared_records
+        -float(prepared.start.soc_sd)
+        * prepared.cell.ocv_slope(prepared.soc[prepared.scored])[:, None].astype(np.float32)
+        for prepared in prepared_records
     ]
     columns = np.asarray(block_diag(*by_start_v))
     is_open = np.any(columns != 0, axis=0)
@@ -261,7 +263,7 @@ def nuisance_columns(
         columns.append(by_hysteresis_v[:, np.any(by_hysteresis_v != 0, axis=0)])
     if any(prepared.record.voltage_lag_s for prepared in prepared_records):
         lags_v = (_by_lag_v(prepared)[:, None] for prepared in prepared_records)
-        by_lag_v = np.asarray(block_diag(*(own.astype(np.float32) for own in lags_v)))
+        by_lag_v = np.asarray(block_diag(*(lag_v.astype(np.float32) for lag_v in lags_v)))
         columns.append(by_lag_v[:, np.any(by_lag_v != 0, axis=0)])
     further = sum(column.shape[1] for column in columns[1:])
     return np.hstack(columns), np.append(shifts_sd, np.zeros(further))

@@ -87,15 +87,15 @@ class Descent:
         wanted = wanted_rows(len(circuits), CIRCUITS_PER_BLOCK)
         ends = run_blocks(run, starts, wanted, progress)
         points, errors_v, converged, evaluations = zip(*ends, strict=True)
-        found = self.problem.parameters_at(points, self.objective.coordinates)
+        refined = self.problem.parameters_at(points, self.objective.coordinates)
         if self.kind != "scan":
-            errors_v = rmse_by_scan(self.problem, found)
+            errors_v = rmse_by_scan(self.problem, refined)
         return [
             RefinedSeed(
                 float(rmse_v), after, largest_change(before, after), bool(has_converged), int(spent)
             )
             for before, after, rmse_v, has_converged, spent in zip(
-                circuits, found, errors_v, converged, evaluations, strict=True
+                circuits, refined, errors_v, converged, evaluations, strict=True
             )
         ]
 
@@ -108,12 +108,12 @@ class Descent:
         """
         ends, spent = list(ends), 0
         for _ in range(rounds):
-            moving = [place for place, end in enumerate(ends) if not end.has_converged]
+            moving = [index for index, end in enumerate(ends) if not end.has_converged]
             if not moving:
                 break
-            starts = [ends[place].parameters for place in moving]
-            for place, end in zip(moving, self(starts, tolerance, holds_bounds=True), strict=True):
-                ends[place] = end
+            starts = [ends[index].parameters for index in moving]
+            for index, end in zip(moving, self(starts, tolerance, holds_bounds=True), strict=True):
+                ends[index] = end
                 spent += end.evaluations
         return ends, spent
 
@@ -137,7 +137,7 @@ def _descend(
     )
     how: dict[str, Any] = {"max_steps": STEPS, "adjoint": Undifferentiated(), "throw": False}
 
-    def place(angle, start):
+    def point_at(angle, start):
         fraction = (start - box.lower) / (box.upper - box.lower)
         is_held = holds_bounds & ((fraction < AT_BOUND) | (fraction > 1 - AT_BOUND))
         bound = jnp.where(fraction < 0.5, box.lower, box.upper)
@@ -146,7 +146,7 @@ def _descend(
 
     def errors(angle, given):
         objective, start, unit_v = given
-        return residuals(place(angle, start), objective) / unit_v
+        return residuals(point_at(angle, start), objective) / unit_v
 
     def rmse_at(point):
         return jnp.linalg.norm(residuals(point, objective))
@@ -160,7 +160,7 @@ def _descend(
         angle = jnp.arcsin(2 * fraction - 1)
         solution = optx.least_squares(errors, solver, angle, given, {"jac": "fwd"}, **how)
         has_converged = solution.result == optx.RESULTS.successful
-        ends = jnp.stack([start, place(solution.value, start)])
+        ends = jnp.stack([start, point_at(solution.value, start)])
         errors_v = jax.vmap(rmse_at)(ends)
         better = jnp.nanargmin(errors_v)
         jacobians = solution.state.num_accepted_steps * start.size

@@ -178,8 +178,8 @@ def search_many(
     integer = int.from_bytes(np.asarray(jr.key_data(key)).astype(">u4").tobytes(), "big")
     searches = []
     for problem, first in zip(problems, range(0, len(outcomes), seeds), strict=True):
-        own = outcomes[first : first + seeds]
-        points, losses_v, evaluations, failures = zip(*own, strict=True)
+        rows = outcomes[first : first + seeds]
+        points, losses_v, evaluations, failures = zip(*rows, strict=True)
         circuits = problem.parameters_at(points, problem.objective.coordinates)
         errors_v = [*map(float, losses_v)]
         if not np.isfinite(errors_v).any():

@@ -16,7 +16,7 @@ SHARED = tomllib.loads(CODES.read_text(encoding="utf-8"))["words"].keys()
 MAKERS = {
     "notice": 0,
     "at": 1,
-    "found_at": 2,
+    "notice_at": 2,
     "telling": 1,
     "_spike": 1,
     "mended": 0,

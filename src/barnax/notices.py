@@ -36,7 +36,7 @@ class Kind:
     severity: str
     says: str
     remedy: str = ""
-    is_told: bool = False
+    is_kept: bool = False
     words: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     def worded(self, template: str, values: Mapping[str, Value]) -> str:
@@ -171,9 +171,9 @@ class Notice:
         return self.severity != "note"
 
     @property
-    def is_told(self) -> bool:
+    def is_kept(self) -> bool:
         """True for a note of what was assumed or changed, which the record repeats."""
-        return self.kind.is_told and not self.counts
+        return self.kind.is_kept and not self.counts
 
     def about(self, subject: str) -> Self:
         """The notice about a file or record."""

@@ -30,7 +30,7 @@ CLEAN = {}
 def test_the_units_of_a_testers_own_format_are_not_in_doubt():
     source = source_from_frame(times(TIME, 1 / 60)(frame()), "cell.ndax")
     assert counting(check_file(source)) == {"time unit": "error"}
-    known = replace(source, table=replace(source.table, has_known_units=True))
+    known = replace(source, table=replace(source.table, has_fixed_units=True))
     assert "time unit" not in counting(check_file(known))
 
 

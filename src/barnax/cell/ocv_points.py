@@ -17,7 +17,7 @@ from ..records import Source, read_record, read_source
 from ..records.quantities import CELL_RANGE_V
 from ..records.record import MINIMUM_REST_S, SETTLED_V, Record, Rest, Segments, is_long, runs
 from ..records.scale import of_one_cell
-from ..records.table import Lines, found_at, take_lines
+from ..records.table import Lines, notice_at, take_lines
 from ..settings import AutoHold, AutoSign
 from .soc_axis import CHARGE, DISCHARGE, WORD, OcvPoint, Sweep
 
@@ -350,7 +350,7 @@ def _branch(file: str, lines: Lines, name: str, scale: float) -> tuple[OcvPoint,
         for wrong in filter(is_wrong.get, is_wrong):
             soc_cell, cell = (repr(lines.cell(each, line)) for each in ("SOC", name))
             given = {"wrong": wrong, "soc": point.soc, "soc_cell": soc_cell, "cell": cell}
-            raise found_at(lines, line, "ocv-table.point", **given).about(file).error(".")
+            raise notice_at(lines, line, "ocv-table.point", **given).about(file).error(".")
         points.append(point)
     if len(points) < MINIMUM_POINTS:
         raise InputError(

@@ -96,33 +96,33 @@ def compare_with_cell(
     error where no unit makes its charge fit."""
     capacity_ah = capacity_ah or cell.capacity_ah
     apart_v = follow(record, cell, capacity_ah)
-    own_v = apart_v(1.0)
+    given_v = apart_v(1.0)
     # A voltage that never moves is of no cell, whatever its charge.
-    if own_v <= _APART_V or not np.ptp(record.voltage_v):
+    if given_v <= _APART_V or not np.ptp(record.voltage_v):
         return []
     factor = min((*_UNITS, *_CAPACITIES), key=apart_v)
     best_v = apart_v(factor)
-    is_near = bool(np.isfinite(own_v))
-    told: dict[str, Any] = {"apart": "voltage" if is_near else "charge"}
-    told["apart_v"] = own_v if is_near else None
+    is_near = bool(np.isfinite(given_v))
+    values: dict[str, Any] = {"apart": "voltage" if is_near else "charge"}
+    values["apart_v"] = given_v if is_near else None
     # A large load leaves the OCV by some more, whatever its unit.
-    allowed_v = max(_APART_V, _LEFT * min(own_v, _FAR_V))
-    if best_v < min(_VANISHES * own_v, allowed_v):
-        told |= {"mistake": _UNITS.get(factor, "capacity"), "best_v": best_v, "factor": factor}
+    allowed_v = max(_APART_V, _LEFT * min(given_v, _FAR_V))
+    if best_v < min(_VANISHES * given_v, allowed_v):
+        values |= {"mistake": _UNITS.get(factor, "capacity"), "best_v": best_v, "factor": factor}
         if factor not in _UNITS:
-            told |= {"capacity_ah": capacity_ah / factor, "given_ah": capacity_ah}
+            values |= {"capacity_ah": capacity_ah / factor, "given_ah": capacity_ah}
             ranges = (word for ratio, word in _RANGES.items() if abs(factor / ratio - 1) < _NEAR)
-            told["current"] = next(ranges, None) if record.charge_ah is None else None
-        return [Notice("cell.charge", told)]
-    if own_v > _ELSEWHERE_V:
-        is_assumed = any(told.code == "ocv-test.capacity-assumed" for told in cell.warnings)
+            values["current"] = next(ranges, None) if record.charge_ah is None else None
+        return [Notice("cell.charge", values)]
+    if given_v > _ELSEWHERE_V:
+        is_assumed = any(one.code == "ocv-test.capacity-assumed" for one in cell.warnings)
         span_ah = float(np.ptp(record.discharged_ah))
         if not is_near and is_assumed and span_ah > cell.capacity_ah:
             spans = {"span_ah": span_ah, "capacity_ah": cell.capacity_ah}
             return [Notice("cell.more-charge", spans)]
         # Charge that fits nowhere ends in an error sooner or later.
-        told["ocv"] = "records" if cell.is_of_records else None
-        return [Notice("cell.other", told).rated("warning" if is_near else "error")]
+        values["ocv"] = "records" if cell.is_of_records else None
+        return [Notice("cell.other", values).rated("warning" if is_near else "error")]
     return []
 
 
@@ -141,11 +141,11 @@ def compare_temperatures(
                 continue
             other_degc, other = min(measured, key=lambda pair, degc=degc: abs(pair[0] - degc))
             if abs(other_degc - degc) > _DEGREES:
-                told = {"temperature_degc": degc, "other": other, "other_degc": other_degc}
+                values = {"temperature_degc": degc, "other": other, "other_degc": other_degc}
                 converted = in_fahrenheit(degc)
                 is_wrong = degc > _WARM_DEGC and abs(converted - other_degc) <= _DEGREES
-                told |= {"of": "fahrenheit", "fahrenheit_degc": converted} if is_wrong else {}
-                notices.append(Notice("cell.temperature", {"of": kind, **told}, name))
+                values |= {"of": "fahrenheit", "fahrenheit_degc": converted} if is_wrong else {}
+                notices.append(Notice("cell.temperature", {"of": kind, **values}, name))
     return notices
 
 
@@ -160,22 +160,22 @@ def compare_resistances(records: Sequence[tuple[Record, float | None]]) -> list[
     # Those of a charge are all at its ends, where the resistance is another.
     loaded = [(record, degc) for record, degc in records if _is_loaded(record)]
     shown = [(record_resistance_ohm(record), record, degc) for record, degc in loaded]
-    known = [one for one in shown if one[0]]
-    found: list[Notice] = []
-    for own_ohm, record, degc in known:
+    determined = [one for one in shown if one[0]]
+    notices: list[Notice] = []
+    for step_ohm, record, degc in determined:
         fast_s = float(np.median(record.interval_s))
         alike = [
-            (ohm, known_record.name)
-            for ohm, known_record, other in known
+            (ohm, other_record.name)
+            for ohm, other_record, other in determined
             if (degc is None or other is None or abs(other - degc) <= _DEGREES)
-            and 1 / _AS_FAST <= float(np.median(known_record.interval_s)) / fast_s <= _AS_FAST
+            and 1 / _AS_FAST <= float(np.median(other_record.interval_s)) / fast_s <= _AS_FAST
         ]
         if len(alike) == 2:
             alike = [pair for pair in alike if pair[1] != record.name]
-            if any(earlier.values["other"] == record.name for earlier in found):
+            if any(earlier.values["other"] == record.name for earlier in notices):
                 continue
         usual_ohm, other = sorted(alike)[(len(alike) - 1) // 2]
-        if not 1 / _ALIKE <= own_ohm / usual_ohm <= _ALIKE:
-            told = {"own_ohm": own_ohm, "other": other, "other_ohm": usual_ohm}
-            found.append(Notice("answer.other-resistance", told, record.name))
-    return found
+        if not 1 / _ALIKE <= step_ohm / usual_ohm <= _ALIKE:
+            values = {"own_ohm": step_ohm, "other": other, "other_ohm": usual_ohm}
+            notices.append(Notice("answer.other-resistance", values, record.name))
+    return notices

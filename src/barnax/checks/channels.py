@@ -39,15 +39,15 @@ def in_one_sign(samples: Samples) -> Samples:
     kinds = [CHARGE if part.mean() > 0 else DISCHARGE for part in (outside, inside)]
     begin = int(at[first]) + 1 if ends_within[0] else 0
     end = int(at[last + 1]) + 1 if ends_within[1] else len(samples)
-    told = {"inner": kinds[1], "inner_steps": len(inside)}
-    told |= {"outer": kinds[0], "outer_steps": len(outside)}
+    values = {"inner": kinds[1], "inner_steps": len(inside)}
+    values |= {"outer": kinds[0], "outer_steps": len(outside)}
     current_a = samples.current_a.copy()
     current_a[begin:end] *= -1
     where = "begins" if ends_within[0] else "ends"
     if all(ends_within):
-        where, told["back_row"] = "within", samples.row[end]
+        where, values["back_row"] = "within", samples.row[end]
     row = begin if ends_within[0] else end
-    return samples.having(current=current_a).telling(row, "sign.turns", where=where, **told)
+    return samples.having(current=current_a).telling(row, "sign.turns", where=where, **values)
 
 
 def _most_contrary(votes: Votes) -> tuple[int, int]:
@@ -83,8 +83,8 @@ def find_spikes(given: CheckInput) -> Iterator[Notice]:
     for code, channel, spiked in both:
         if spiked.any():
             values, unit, at = given.samples.values[channel], _UNITS[channel], int(spiked.argmax())
-            told = {f"spike_{unit}": values[at], f"beside_{unit}": values[at - 1]}
-            yield given.at(at, code, channel, samples=spiked.sum(), **told)
+            numbers = {f"spike_{unit}": values[at], f"beside_{unit}": values[at - 1]}
+            yield given.at(at, code, channel, samples=spiked.sum(), **numbers)
 
 
 def _voltage_spikes(given: CheckInput) -> Flags:

@@ -48,10 +48,10 @@ def _against_net(given: CheckInput) -> Iterator[Notice]:
         return
     other, other_ah = _by_the_other_hold(given)
     held = ratio * other_ah / (given.charged_ah + given.discharged_ah)
-    told = {"ratio": ratio, "column": given.samples.header("net capacity")}
+    values = {"ratio": ratio, "column": given.samples.header("net capacity")}
     is_held = abs(held - 1) < abs(ratio - 1) / 3
     by = {"hold": other, "held_ratio": held} if is_held else {"inverse": 1 / ratio}
-    yield given.at(0, "counters.net", **told, **by)
+    yield given.at(0, "counters.net", **values, **by)
 
 
 def _against_integral(given: CheckInput, gains_ah: tuple[float, float]) -> Iterator[Notice]:
@@ -62,8 +62,8 @@ def _against_integral(given: CheckInput, gains_ah: tuple[float, float]) -> Itera
     apart, swapped_ah = apart_ah / total_ah, max(abs(in_ah - spent_ah), abs(out_ah - gained_ah))
     if apart_ah <= _QUANTA * given.samples.counters.quantum_ah or apart <= _COUNTERS_NOTED:
         return
-    told = {"integrated_in_ah": in_ah, "integrated_out_ah": out_ah, "apart_share": apart}
-    told |= {"counted_in_ah": gained_ah, "counted_out_ah": spent_ah}
+    values = {"integrated_in_ah": in_ah, "integrated_out_ah": out_ah, "apart_share": apart}
+    values |= {"counted_in_ah": gained_ah, "counted_out_ah": spent_ah}
     ratio = (in_ah + out_ah) / total_ah
     other, held_ah = _by_the_other_hold(given)
     by, cause = {}, "unknown"
@@ -75,7 +75,7 @@ def _against_integral(given: CheckInput, gains_ah: tuple[float, float]) -> Itera
         by, cause = {"ratio": ratio, "inverse": 1 / ratio}, "factor"
     elif abs(held_ah / total_ah - 1) < abs(ratio - 1) / 3:
         by, cause = {"hold": other, "held_ah": held_ah}, "hold"
-    yield given.at(0, "counters.apart", **told, **by, cause=cause)
+    yield given.at(0, "counters.apart", **values, **by, cause=cause)
 
 
 def _is_scaled(given: CheckInput, ratio: float) -> bool:
@@ -94,16 +94,16 @@ def find_capacity(given: CheckInput) -> Iterator[Notice]:
     if given.capacity_ah is None or given.record.span_ah == 0:
         return
     share = given.record.span_ah / given.capacity_ah
-    told = {"moved_ah": given.record.span_ah, "share": share, "capacity_ah": given.capacity_ah}
+    values = {"moved_ah": given.record.span_ah, "share": share, "capacity_ah": given.capacity_ah}
     if share > 1 + CAPACITY_WARNING:
         discharged_ah = given.record.discharged_ah
         at = max(int(np.argmax(discharged_ah)), int(np.argmin(discharged_ah)))
-        yield given.at(at, "capacity.moved", **told, amount="more")
+        yield given.at(at, "capacity.moved", **values, amount="more")
     elif share < _HARDLY_MOVES:
         travel_v = given.samples.bulk_time[1]
         is_doubtful = share < _HARDLY_MOVES / 2 and travel_v >= _MOVED_V
-        told |= {"amount": "hardly" if is_doubtful else "little", "travel_v": travel_v}
-        yield given.at(0, "capacity.moved", **told)
+        values |= {"amount": "hardly" if is_doubtful else "little", "travel_v": travel_v}
+        yield given.at(0, "capacity.moved", **values)
 
 
 def find_closure(given: CheckInput) -> Iterator[Notice]:
@@ -117,12 +117,12 @@ def find_closure(given: CheckInput) -> Iterator[Notice]:
         return
     later = max(out.points[0].row, into.points[0].row)
     at = int(np.searchsorted(given.record.row, later)) if len(given.samples.table.sheets) < 2 else 0
-    told: dict[str, float] = {}
+    values: dict[str, float] = {}
     for way, sweep in (("out", out), ("in", into)):
         ends_v = sweep.points[0].voltage_v, sweep.points[-1].voltage_v
-        told |= {f"{way}_ah": sweep.passed_ah}
-        told |= {f"{way}_from_v": ends_v[0], f"{way}_to_v": ends_v[1]}
-    yield given.at(at, "closure.open", **told, error_share=error)
+        values |= {f"{way}_ah": sweep.passed_ah}
+        values |= {f"{way}_from_v": ends_v[0], f"{way}_to_v": ends_v[1]}
+    yield given.at(at, "closure.open", **values, error_share=error)
 
 
 def _by_the_other_hold(given: CheckInput) -> tuple[str, float]:
@@ -235,12 +235,12 @@ def _offset(given: CheckInput, rests: list[tuple[int, int, float]]) -> Iterator[
     drift_ah = abs(offset_a) * float(record.time_s[-1] - record.time_s[0]) / 3600
     share, is_much = drift_ah / turnover_ah, drift_ah > _DRIFT * turnover_ah
     value_a = -offset_a if record.sign.value == "charge-positive" else offset_a
-    told = {"offset_a": value_a, "drift_ah": drift_ah, "rests": len(rests)}
+    values = {"offset_a": value_a, "drift_ah": drift_ah, "rests": len(rests)}
     if is_much and given.ocv.sweeps:
-        told |= {"soc_share": share, "ocv_v": share * given.samples.bulk_time[1]}
+        values |= {"soc_share": share, "ocv_v": share * given.samples.bulk_time[1]}
     if is_large and given.given_rest_a is None:
-        told |= {"rest_a": 1.5 * abs(offset_a)}
+        values |= {"rest_a": 1.5 * abs(offset_a)}
     if is_large or is_much or drift_ah > _NOTED_DRIFT * turnover_ah:
         effect = None if is_large or is_much else "slight"
         at = int(first[np.argmax(is_alike)])
-        yield given.at(at, "rests.offset", **told, effect=effect)
+        yield given.at(at, "rests.offset", **values, effect=effect)

@@ -43,7 +43,7 @@ CHECKS: Mapping[str, Check] = {
 }
 _ORDER = {"error": 0, "warning": 1, "note": 2}
 # Testers' own files cannot be edited: they are exported first.
-_TESTERS_OWN = (".nda", ".ndax", ".mpr", ".res")
+_BINARY_SUFFIXES = (".nda", ".ndax", ".mpr", ".res")
 
 
 @dataclass(frozen=True)
@@ -164,16 +164,16 @@ def check_file(
             findings += samples.findings[len(examined.mended.findings) :]
             sign, doubts = decide_sign(samples, current_sign, source.name)
             # A current without any sign has been reported already.
-            is_told = any(finding.check == "sign" for finding in examined.findings)
-            findings += [] if is_told else doubts
+            is_reported = any(finding.check == "sign" for finding in examined.findings)
+            findings += [] if is_reported else doubts
             record = make_record(source, samples, sign, current_hold)
-            own = source.cut(samples)
-            given = CheckInput.of(own, record, capacity_ah, rest_current_a, voltage_lag)
+            part = source.cut(samples)
+            given = CheckInput.of(part, record, capacity_ah, rest_current_a, voltage_lag)
             for check in CHECKS.values():
                 findings += check(given)
             traits = traits_of(given)
             facts, roles = Facts.of(given), find_roles(given, traits)
-    if source.name.lower().endswith(_TESTERS_OWN):
+    if source.name.lower().endswith(_BINARY_SUFFIXES):
         edit = {"edit": "exported"}
         findings = [replace(finding, values={**finding.values, **edit}) for finding in findings]
     findings.sort(key=lambda finding: (_ORDER[finding.severity], finding.row or 0))
@@ -187,8 +187,8 @@ def _check_table(table: OcvTable) -> FileCheck:
         fall = find_fall(points)
         if fall:
             before, after = fall
-            told = {"from_v": before.voltage_v, "from_soc": before.soc}
-            told |= {"to_v": after.voltage_v, "to_soc": after.soc}
-            findings.append(Notice("monotone.falls", told, row=after.row))
+            values = {"from_v": before.voltage_v, "from_soc": before.soc}
+            values |= {"to_v": after.voltage_v, "to_soc": after.soc}
+            findings.append(Notice("monotone.falls", values, row=after.row))
     findings.sort(key=lambda finding: _ORDER[finding.severity])
     return FileCheck(table.name, tuple(findings), None, roles_of_table(table))

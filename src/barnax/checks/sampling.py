@@ -40,9 +40,9 @@ def find_gaps(given: CheckInput) -> Iterator[Notice]:
     if record.flowing is not None:
         rests = np.flatnonzero(record.flowing < 1)
         longest = rests[int(np.argmax(interval_s[rests]))]
-        told = {"longest_s": interval_s[longest], "longest_row": record.row[longest + 1]}
-        told |= {"gaps": len(rests), "charge": "resting"}
-        yield given.at(int(rests[0]) + 1, "gaps.missing", **told)
+        values = {"longest_s": interval_s[longest], "longest_row": record.row[longest + 1]}
+        values |= {"gaps": len(rests), "charge": "resting"}
+        yield given.at(int(rests[0]) + 1, "gaps.missing", **values)
         gaps = np.setdiff1d(gaps, rests)
     # Most samples lie as far apart as the shorter ones.
     gaps = gaps[interval_s[gaps] > np.median(interval_s)]
@@ -65,7 +65,7 @@ def find_gaps(given: CheckInput) -> Iterator[Notice]:
         doubt_ah = float(np.sum(doubt_a * interval_s[gaps])) / 3600
     moved_ah = given.charged_ah + given.discharged_ah
     worst = gaps[int(np.argmax(interval_s[gaps]))]
-    told = {"longest_s": interval_s[worst], "longest_row": record.row[worst + 1]}
+    values = {"longest_s": interval_s[worst], "longest_row": record.row[worst + 1]}
     charge = "idle"
     held_ah = float(np.abs(given.record.moved_ah[gaps]).sum())
     if doubt_ah > _HIDDEN_SHARE * given.scale_ah or np.any(jump_v > _HIDDEN_V):
@@ -74,10 +74,10 @@ def find_gaps(given: CheckInput) -> Iterator[Notice]:
             charge = "standing" if is_lost.any() else "counted"
         elif is_lost.any() or not _HIDDEN_SHARE * given.scale_ah <= doubt_ah <= moved_ah:
             charge = "unknown"
-        told |= {"moved_v": jump_v.max(), "doubt_ah": doubt_ah}
+        values |= {"moved_v": jump_v.max(), "doubt_ah": doubt_ah}
     elif counted_ah is None and held_ah > _HELD_SHARE * given.scale_ah:
-        charge, told["held_ah"] = "steady", held_ah
-    yield given.at(int(gaps[0]) + 1, "gaps.missing", **told, gaps=len(gaps), charge=charge)
+        charge, values["held_ah"] = "steady", held_ah
+    yield given.at(int(gaps[0]) + 1, "gaps.missing", **values, gaps=len(gaps), charge=charge)
 
 
 def find_skipped(given: CheckInput) -> Iterator[Notice]:
@@ -89,9 +89,9 @@ def find_skipped(given: CheckInput) -> Iterator[Notice]:
     counted_ah, more_ah = given.record.moved_ah[places], skipped_ah[places]
     shown_ah = float(np.abs(counted_ah - more_ah).sum())
     is_much = np.abs(more_ah).sum() > _SKIPPED_SHARE * given.scale_ah
-    told = {"counted_ah": np.abs(counted_ah).sum(), "shown_ah": shown_ah}
-    found = given.at(int(places[0]) + 1, "skipped.load", intervals=len(places), **told)
-    yield found.rated("warning" if is_much else "note")
+    charges = {"counted_ah": np.abs(counted_ah).sum(), "shown_ah": shown_ah}
+    notice = given.at(int(places[0]) + 1, "skipped.load", intervals=len(places), **charges)
+    yield notice.rated("warning" if is_much else "note")
 
 
 # A voltage that moves so far from one sample to the next, and by so many times its noise,
@@ -120,9 +120,9 @@ def find_breaks(given: CheckInput) -> Iterator[Notice]:
     places = places[is_break]
     if len(places) and given.samples.resistance_ohm:
         at = int(places[0]) + 1
-        told = {"before_v": record.voltage_v[at - 1], "after_v": record.voltage_v[at]}
-        told |= {"interval_s": record.interval_s[at - 1], "places": len(places)}
-        yield given.at(at, "breaks.voltage", "voltage", **told)
+        values = {"before_v": record.voltage_v[at - 1], "after_v": record.voltage_v[at]}
+        values |= {"interval_s": record.interval_s[at - 1], "places": len(places)}
+        yield given.at(at, "breaks.voltage", "voltage", **values)
 
 
 def find_coarse_intervals(given: CheckInput) -> Iterator[Notice]:
@@ -135,8 +135,8 @@ def find_coarse_intervals(given: CheckInput) -> Iterator[Notice]:
     if is_coarse.sum() < 2 or fine_s > _FINE_SHARE * _COARSE_S:
         return
     long_s = float(np.median(interval_s[is_coarse]))
-    told = {"intervals": is_coarse.sum(), "long_s": long_s, "fine_s": fine_s}
-    yield given.at(int(np.argmax(is_coarse)) + 1, "coarse-intervals.load", **told)
+    values = {"intervals": is_coarse.sum(), "long_s": long_s, "fine_s": fine_s}
+    yield given.at(int(np.argmax(is_coarse)) + 1, "coarse-intervals.load", **values)
 
 
 def find_late_voltage(given: CheckInput) -> Iterator[Notice]:
@@ -145,19 +145,19 @@ def find_late_voltage(given: CheckInput) -> Iterator[Notice]:
     which no cell's does: the current was averaged or filtered before it was written down."""
     lag = given.lag
     if lag is not None:
-        told = {"lag_s": lag.seconds, "interval_s": given.usual_s, "apart_s": abs(lag.seconds)}
+        values = {"lag_s": lag.seconds, "interval_s": given.usual_s, "apart_s": abs(lag.seconds)}
         is_either = abs(lag.samples) < 1 and given.usual_s >= _ALIKE_S
-        told |= {"cause": "either" if is_either else None}
-        told |= {"age": "older" if lag.samples > 0 else "newer"}
+        values |= {"cause": "either" if is_either else None}
+        values |= {"age": "older" if lag.samples > 0 else "newer"}
         if lag.samples > 0:
-            told["missing_share"] = min(lag.samples, 1.0)
-        yield Notice("late-voltage.apart", told)
+            values["missing_share"] = min(lag.samples, 1.0)
+        yield Notice("late-voltage.apart", values)
         return
     answers = answers_ohm(given.record)
     if answers is None:
         return
     (first_ohm, second_ohm, third_ohm, _, last_ohm), covariance = answers
-    told = {"first_ohm": first_ohm, "interval_s": given.usual_s}
+    values = {"first_ohm": first_ohm, "interval_s": given.usual_s}
     more = {"second_ohm": second_ohm, "third_ohm": third_ohm}
     slow_ohm = max(_SLOW_SHARE * first_ohm, LATE_SURE * np.sqrt(np.max(np.diag(covariance))))
     # A steep OCV adds the same to every answer.
@@ -165,12 +165,12 @@ def find_late_voltage(given: CheckInput) -> Iterator[Notice]:
     if not given.is_lag_given and late_r0_ohm(answers) is not None:
         late_ohm = second_ohm - LASTING * third_ohm
         share = late_ohm / (first_ohm + late_ohm)
-        yield Notice("late-voltage.step", {**told, **more, "missing_share": share})
+        yield Notice("late-voltage.step", {**values, **more, "missing_share": share})
     elif not given.is_lag_given and first_ohm > 0 and (is_slow or is_rising):
-        yield Notice("late-voltage.smoothed", {**told, **more})
+        yield Notice("late-voltage.smoothed", {**values, **more})
     back_ohm = max(_BACK_SHARE * first_ohm, LATE_SURE * np.sqrt(covariance[1, 1]))
     if first_ohm > 0 and -second_ohm > back_ohm:
-        yield Notice("smoothed-current.back", {**told, "back_ohm": -second_ohm})
+        yield Notice("smoothed-current.back", {**values, "back_ohm": -second_ohm})
 
 
 def find_fast_load(given: CheckInput) -> Iterator[Notice]:
@@ -182,10 +182,10 @@ def find_fast_load(given: CheckInput) -> Iterator[Notice]:
     if slow is None or not (slow.changes_between and (is_given or hold.value != "forward")):
         return
     # Whoever says "forward" knows that the load switches in time with the log.
-    is_told = slow.kind == "instants" and not (is_given and hold.value == "forward")
-    if is_told or hold.strength == "assumed":
-        told = {"interval_s": given.samples.interval_s, "rows": slow.kind}
-        yield Notice("fast-load.rows", {**told, "hold": None if is_given else "open"})
+    is_reported = slow.kind == "instants" and not (is_given and hold.value == "forward")
+    if is_reported or hold.strength == "assumed":
+        values = {"interval_s": given.samples.interval_s, "rows": slow.kind}
+        yield Notice("fast-load.rows", {**values, "hold": None if is_given else "open"})
 
 
 # Of shorter steps the pace says little.
@@ -209,8 +209,8 @@ def find_rebuilt_clock(given: CheckInput) -> Iterator[Notice]:
     is_even = high_s - low_s <= 1e-6 * high_s
     spread = float(np.ptp(low_s)) / float(np.median(low_s))
     if is_even.all() and 1e-5 < spread < 0.05:
-        told = {"steps": len(starts), "low_s": low_s.min(), "high_s": low_s.max()}
-        yield given.at(int(starts[0]), "rebuilt-clock.even", **told)
+        values = {"steps": len(starts), "low_s": low_s.min(), "high_s": low_s.max()}
+        yield given.at(int(starts[0]), "rebuilt-clock.even", **values)
 
 
 _COARSE_V, _COARSE_SHARE = 0.9e-3, 5e-3
@@ -250,9 +250,9 @@ def find_temperature(given: CheckInput) -> Iterator[Notice]:
     outside = (temperature < low) | (temperature > high)
     if outside.any():
         is_kelvin = low < temperature.min() - ZERO_K and temperature.max() - ZERO_K < high
-        told = {"temperature_degc": temperature[np.argmax(outside)], "samples": outside.sum()}
-        told |= {"low_degc": low, "high_degc": high, "unit": "K" if is_kelvin else None}
-        yield given.at(outside, "temperature.outside", **told)
+        values = {"temperature_degc": temperature[np.argmax(outside)], "samples": outside.sum()}
+        values |= {"low_degc": low, "high_degc": high, "unit": "K" if is_kelvin else None}
+        yield given.at(outside, "temperature.outside", **values)
         return
     low, high = np.quantile(temperature, _ENDS)
     if low > _HOT_DEGC and in_fahrenheit(float(high)) < _ROOM_DEGC:

@@ -19,7 +19,7 @@ from ..records.lag import Lag, find_lag, require_lag
 from ..records.record import Segments, degc_in_name, reach
 from ..records.samples import Samples
 from ..records.scale import STILL_V
-from ..records.table import Place, found_at
+from ..records.table import LineIndex, notice_at
 
 _FEWEST_READINGS, _MAX_STEPS, _FEWEST_ANSWERS = 20, 0.9, 3
 
@@ -58,8 +58,8 @@ class CheckInput:
         require_lag(record, lag_s or 0.0)
         lag = find_lag(record) if lag_s is None else None
         given = cls(samples, record, capacity_ah, rest_a, lag, lag_s is not None)
-        known_s = lag.seconds if lag else lag_s or 0.0
-        rows = round(known_s / float(np.median(record.interval_s)))
+        late_s = lag.seconds if lag else lag_s or 0.0
+        rows = round(late_s / float(np.median(record.interval_s)))
         if not rows:
             return given
         given = replace(given, late_rows=rows)
@@ -130,10 +130,10 @@ class CheckInput:
         late = self.late_rows if channel == "voltage" else 0
         return np.clip(np.arange(self.record.samples) + late, 0, self.record.samples - 1)
 
-    def at(self, place: Place, code: str, channel: str = "current", /, **values: Any) -> Notice:
+    def at(self, line: LineIndex, code: str, channel: str = "current", /, **values: Any) -> Notice:
         """A notice of one sample, or the first of several, in the row of its channel."""
-        place = int(np.argmax(place)) if isinstance(place, np.ndarray) else place
-        return found_at(self.samples, int(self.places(channel)[place]), code, **values)
+        line = int(np.argmax(line)) if isinstance(line, np.ndarray) else line
+        return notice_at(self.samples, int(self.places(channel)[line]), code, **values)
 
 
 Check = Callable[[CheckInput], Iterable[Notice]]
@@ -243,9 +243,9 @@ class Traits:
         steps = counted(self.steps, "current step")
         if half_width > MAX_HALF_WIDTH:
             within = f"tell R0 within {100 * half_width:.0f} %"
-            told = within if half_width < math.inf else "do not determine R0"
+            shown = within if half_width < math.inf else "do not determine R0"
             wanted = f"{100 * MAX_HALF_WIDTH:.0f} % is needed without an OCV test"
-            return f"{steps} sampled finely enough {told}; {wanted}"
+            return f"{steps} sampled finely enough {shown}; {wanted}"
         # Without a capacity a dither gives itself away by how often it turns.
         whole_ah = capacity_ah or self.charged_ah + self.discharged_ah
         if self.reach_ah < LEAST_SHARE * whole_ah:
@@ -271,8 +271,8 @@ def traits_of(given: CheckInput) -> Traits:
     # The deepest point below the highest one before it: charge taken out without going back up.
     out_ah = discharged_ah - np.minimum.accumulate(discharged_ah)
     measured = np.empty(0) if record.temperature_degc is None else record.temperature_degc
-    known_degc = measured[np.isfinite(measured)]
-    degc = float(np.median(known_degc)) if len(known_degc) else degc_in_name(record.name)
+    finite_degc = measured[np.isfinite(measured)]
+    degc = float(np.median(finite_degc)) if len(finite_degc) else degc_in_name(record.name)
     at_steps = _half_width(given.samples.step_a[fine], given.samples.answer_v[fine])
     return Traits(
         sweeps=given.ocv.sweeps,

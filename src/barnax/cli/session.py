@@ -147,7 +147,7 @@ class Session:
         every = [*warnings]
         notes = [one for one in every if isinstance(one, Notice) and not one.counts]
         self._list("[yellow]warning:[/yellow]", (one for one in every if one not in notes))
-        self._list("[dim]note:[/dim]", (note for note in notes if note.is_told))
+        self._list("[dim]note:[/dim]", (note for note in notes if note.is_kept))
 
     def _list(self, kind: str, notices: Iterable[object]) -> None:
         for sentence in sentences_of(notices):

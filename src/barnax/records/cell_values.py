@@ -306,11 +306,11 @@ def is_usual(interval_s: float) -> bool:
     [True, True, True, True, True, False, False]
     """
     decades = (digit * 10.0**power for digit in _SET for power in (-4, -3, -2, -1, 0))
-    if any(abs(interval_s / own_s - 1) < _PATTERN for own_s in (*decades, 10.0, 30.0)):
+    if any(abs(interval_s / set_s - 1) < _PATTERN for set_s in (*decades, 10.0, 30.0)):
         return True
     minutes = min(round(interval_s / 60), 60)
     others = (*_RARELY, 60.0 * max(minutes, 1))
-    return any(abs(interval_s / own_s - 1) < _EXACT for own_s in others)
+    return any(abs(interval_s / set_s - 1) < _EXACT for set_s in others)
 
 
 # Dates as numbers: their units, with where they begin, for 1985 to 2100.
@@ -331,11 +331,11 @@ _DATED_APART_S = 500.0
 def epoch_unit(values: Numbers) -> Unit | None:
     """The unit of numbers that are dates, with its epoch: Unix time in s to ns, or days as
     spreadsheets and MATLAB count them. None for numbers that are no dates."""
-    known = values[np.isfinite(values)]
-    if not len(known):
+    finite = values[np.isfinite(values)]
+    if not len(finite):
         return None
-    apart = np.abs(np.diff(known))
-    middle, interval = np.median(known), np.median(apart[apart > 0]) if apart.any() else 0
+    apart = np.abs(np.diff(finite))
+    middle, interval = np.median(finite), np.median(apart[apart > 0]) if apart.any() else 0
     for unit, low, high in _EPOCHS:
         apart_s = interval * unit.factor
         # Days are told from seconds by intervals that are too short in those, or set in days.

@@ -46,9 +46,9 @@ def examine_clock(samples: Samples) -> Samples:
         strays = find(samples.time_s)
         if 0 < strays.sum() <= max(_SLIPS, _FEW * len(strays)):
             first = int(np.argmax(strays))
-            told = {"time_s": samples.time_s[first], "rows": strays.sum()}
-            told |= {"beside_s": samples.time_s[first - 1 if first else 1]}
-            samples = samples.telling(first, "clock.stray", **told).keep(~strays)
+            values = {"time_s": samples.time_s[first], "rows": strays.sum()}
+            values |= {"beside_s": samples.time_s[first - 1 if first else 1]}
+            samples = samples.telling(first, "clock.stray", **values).keep(~strays)
     time, interval_s = samples.time_s, samples.intervals_s
     falls = np.flatnonzero(interval_s < 0)
     if not len(falls):
@@ -129,7 +129,7 @@ def _set_back(samples: Samples) -> Samples:
             fall = int(np.argmax(falls))
             is_dated &= latest_s < 2 * period_s - late_s
             mended = time + period_s * np.append(0, np.cumsum(falls))
-            return _told_set(samples, fall, change, bool(is_dated)).having(time=mended)
+            return _noting_change(samples, fall, change, bool(is_dated)).having(time=mended)
     return samples
 
 
@@ -166,10 +166,10 @@ def _set_forward(samples: Samples) -> Samples:
     if not (is_spring or goes_on):
         return samples
     mended = samples.time_s - hour_s * (np.arange(len(samples)) > at)
-    return _told_set(samples, at, "hour-on", is_taken=True).having(time=mended)
+    return _noting_change(samples, at, "hour-on", is_taken=True).having(time=mended)
 
 
-def _told_set(samples: Samples, at: int, change: str, is_taken: bool) -> Samples:
+def _noting_change(samples: Samples, at: int, change: str, is_taken: bool) -> Samples:
     """The samples, told that the clock was set after one of them."""
     given = {"change": change, "taken": "true" if is_taken else None}
     given |= {"before_s": samples.time_s[at], "after_s": samples.time_s[at + 1]}
@@ -314,11 +314,11 @@ def separate_steps(samples: Samples) -> Samples:
     stamp = np.concatenate([[0], np.cumsum(~is_repeat)])
     first = np.searchsorted(stamp, np.arange(stamp[-1] + 1))
     has_sides = np.logical_or.reduceat(np.concatenate([[False], sides]), first)
-    place = np.where(has_sides[stamp], np.arange(len(stamp)) - first[stamp], 0)
+    rank = np.where(has_sides[stamp], np.arange(len(stamp)) - first[stamp], 0)
     room_s = np.append(np.diff(samples.time_s[first]), np.inf) * _APART_SHARE
     apart_s = np.clip(room_s / np.diff(first, append=len(stamp)), 0, _APART_S)[stamp]
-    told = samples.telling(int(np.argmax(sides)) + 1, "repeats.both-sides", changes=sides.sum())
-    return told.having(time=samples.time_s + place * apart_s)
+    noted = samples.telling(int(np.argmax(sides)) + 1, "repeats.both-sides", changes=sides.sum())
+    return noted.having(time=samples.time_s + rank * apart_s)
 
 
 def merge_repeats(samples: Samples) -> Samples:
@@ -352,8 +352,8 @@ def examine_repeats(samples: Samples) -> Samples:
     given |= {"second_a": second_a, "second_v": second_v, "rows": others}
     if in_a_row.sum() > max(_SLIPS, _FEW * len(samples)) or np.mean(is_other) > _COARSE:
         mean = len(samples) / len(np.unique(samples.time_s))
-        told = samples.telling(at, "repeats.differ", **given, rows_a_stamp=mean)
-        return told.having(time=_spread(samples.time_s))
+        noted = samples.telling(at, "repeats.differ", **given, rows_a_stamp=mean)
+        return noted.having(time=_spread(samples.time_s))
     for is_merged, alike in ((is_exact, "exact"), (is_near, "near")):
         if is_merged.any():
             first, rows = int(np.argmax(is_merged)) + 1, is_merged.sum()
@@ -365,8 +365,8 @@ def examine_repeats(samples: Samples) -> Samples:
 
 def _spread(time_s: Clock) -> Clock:
     """The clock with samples of one stamp laid evenly up to the next stamp."""
-    stamps, place, times = np.unique(time_s, return_inverse=True, return_counts=True)
+    stamps, stamp, times = np.unique(time_s, return_inverse=True, return_counts=True)
     gaps = np.diff(stamps)
     last = float(np.median(gaps)) if len(gaps) else 1.0
-    within = np.arange(len(time_s)) - (np.cumsum(times) - times)[place]
-    return time_s + np.append(gaps, last)[place] * within / times[place]
+    within = np.arange(len(time_s)) - (np.cumsum(times) - times)[stamp]
+    return time_s + np.append(gaps, last)[stamp] * within / times[stamp]

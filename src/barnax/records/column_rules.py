@@ -22,7 +22,7 @@ from .counters import cosine
 from .quantities import CELL_RANGE_V, NEEDED, QUANTITIES, QUANTITY_OF, Quantity
 from .samples import Samples
 from .source import Source
-from .table import FEWEST_CELLS, Table, found_at
+from .table import FEWEST_CELLS, Table, notice_at
 
 Columns = Mapping[str, Column]
 Channel = Float[np.ndarray, "samples"]
@@ -65,8 +65,8 @@ def examine_columns(table: Table, file: str) -> tuple[dict[str, Column], list[No
         rows = {"table": f"a table of one row a {table.one_row_a}"}
         wrong.insert(0, Notice("columns.no-record", rows))
     is_like = any(one.name in columns or header.likely(one) for one in REQUIRED)
-    is_known = is_like or header.is_ocv_table
-    is_nameless = not columns.keys() & NEEDED and _is_nameless(table, is_known)
+    is_any = is_like or header.is_ocv_table
+    is_nameless = not columns.keys() & NEEDED and _is_nameless(table, is_any)
     if not is_like and not is_nameless:
         raise [*wrong, _no_record(header)][0].about(file).error(".")
     findings = [*table.notes, *wrong, *_settle_clock(table, columns)]
@@ -129,10 +129,10 @@ def _is_nameless(table: Table, is_like: bool) -> bool:
 def _not_there(header: Header, row: int, file: str) -> Iterator[Notice]:
     """Warnings of given names that the table does not have, or has in several spellings. Raises
     InputError for one name that is given for several of the needed quantities."""
-    needed = {name: own.header for name, own in header.given_columns.items() if name in NEEDED}
+    needed = {name: one.header for name, one in header.given_columns.items() if name in NEEDED}
     for column, times in Counter(needed.values()).items():
         if times > 1:
-            names = listed(name for name, own in needed.items() if own == column)
+            names = listed(name for name, one in needed.items() if one == column)
             raise InputError(
                 f"{file}: `columns`: '{column}' is given for {names}; name a column for each."
             )
@@ -269,8 +269,8 @@ def _quoted(names: Sequence[str]) -> str:
     return ", ".join(shown) + (" ..." if len(names) > 8 else "") if shown else "no names"
 
 
-def _headers(found: Columns) -> set[str]:
-    return {column.header for column in found.values()}
+def _headers(columns: Columns) -> set[str]:
+    return {column.header for column in columns.values()}
 
 
 def _repeated_names(header: Header, row: int, columns: Columns) -> Iterator[Notice]:
@@ -278,8 +278,8 @@ def _repeated_names(header: Header, row: int, columns: Columns) -> Iterator[Noti
         if times > 1 or not name:
             others = "others" if times > 2 else "other"
             others = others if name and name in _headers(columns) else None
-            told = {"columns": times, "name": name or None, "others": others}
-            yield Notice("columns.repeated", told, row=row)
+            values = {"columns": times, "name": name or None, "others": others}
+            yield Notice("columns.repeated", values, row=row)
 
 
 # Makes whose names have no rule for which of two voltage columns comes first.
@@ -330,10 +330,10 @@ def _electrode(source: Source, samples: Samples) -> Iterator[Notice]:
         yield Notice("twin-columns.electrode", {"column": column, "apart_v": np.nanmax(apart_v)})
 
 
-def _others(header: Header, quantity: str, own: Column) -> Iterator[Column]:
+def _others(header: Header, quantity: str, used: Column) -> Iterator[Column]:
     """Further columns that can hold the quantity, by their names."""
     for index, name in enumerate(header.names[:_MAX_NAMES]):
-        if index == own.index or name == own.header or _NOT_MEASURED.search(normal(name)):
+        if index == used.index or name == used.header or _NOT_MEASURED.search(normal(name)):
             continue
         alone = Header((name,))
         columns = alone.find(QUANTITIES)
@@ -342,11 +342,11 @@ def _others(header: Header, quantity: str, own: Column) -> Iterator[Column]:
             yield replace(column, index=index)
 
 
-def _voltages(samples: Samples, own: Channel, other: Channel, name: str) -> Iterator[Notice]:
+def _voltages(samples: Samples, used: Channel, other: Channel, name: str) -> Iterator[Notice]:
     """A voltage that differs by the current times a resistance, or otherwise."""
     if not CELL_RANGE_V[0] < np.median(other) < CELL_RANGE_V[1]:
         return
-    apart_v = other - own
+    apart_v = other - used
     at = int(np.argmax(np.abs(apart_v)))
     current_a = samples.current_a - samples.current_a.mean()
     slope = float(current_a @ apart_v / max(current_a @ current_a, _TINY))
@@ -355,21 +355,21 @@ def _voltages(samples: Samples, own: Channel, other: Channel, name: str) -> Iter
     both = {"own": samples.header("voltage"), "other": name, "quantity": "voltage"}
     if swing_v > _SWING_V and left_v.var() < (1 - _BY_LEADS) * apart_v.var():
         drop = {"by": "leads", "leads_ohm": abs(slope), "apart_v": swing_v}
-        yield found_at(samples, at, "twin-columns.differ", **both, **drop)
+        yield notice_at(samples, at, "twin-columns.differ", **both, **drop)
         return
     usual_v = float(np.median(np.abs(apart_v)))
     if usual_v <= _SAME_V:
         return
     if samples.dialect.name in _ANYBODYS and "voltage" in Header((name,)).find(QUANTITIES):
-        yield found_at(samples, at, "twin-columns.undecided", **both, apart_v=usual_v)
-    elif usual_v < _OTHER_V and cosine(own - own.mean(), other - other.mean()) > _ALIKE:
-        yield found_at(samples, at, "twin-columns.differ", **both, by="volts", apart_v=usual_v)
+        yield notice_at(samples, at, "twin-columns.undecided", **both, apart_v=usual_v)
+    elif usual_v < _OTHER_V and cosine(used - used.mean(), other - other.mean()) > _ALIKE:
+        yield notice_at(samples, at, "twin-columns.differ", **both, by="volts", apart_v=usual_v)
 
 
-def _currents(samples: Samples, own: Channel, other: Channel, name: str) -> Iterator[Notice]:
+def _currents(samples: Samples, used: Channel, other: Channel, name: str) -> Iterator[Notice]:
     """A current that is another by a factor."""
-    ratio = float(own @ other) / max(float(own @ own), _TINY)
-    if abs(cosine(own, other)) > _PROPORTIONAL and abs(ratio - 1) > _EQUAL:
+    ratio = float(used @ other) / max(float(used @ used), _TINY)
+    if abs(cosine(used, other)) > _PROPORTIONAL and abs(ratio - 1) > _EQUAL:
         both = {"own": samples.header("current"), "other": name, "quantity": "current"}
-        at = int(np.argmax(np.abs(own)))
-        yield found_at(samples, at, "twin-columns.differ", **both, by="factor", ratio=ratio)
+        at = int(np.argmax(np.abs(used)))
+        yield notice_at(samples, at, "twin-columns.differ", **both, by="factor", ratio=ratio)

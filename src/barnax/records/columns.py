@@ -165,7 +165,7 @@ class Header:
     @cached_property
     def given_columns(self) -> Mapping[str, Column]:
         """The columns that the user names, by quantity, of those that there are."""
-        named = {name: self.named(QUANTITY_OF[name], own) for name, own in self.given.items()}
+        named = {name: self.named(QUANTITY_OF[name], text) for name, text in self.given.items()}
         return {name: column for name, column in named.items() if column is not None}
 
     @cached_property
@@ -280,7 +280,7 @@ class Header:
         needed = [column for column in columns.values() if column.quantity.name in NEEDED]
         below_it = ((column, units[column.index]) for column in needed)
         spelled = [(column, unit_of(column.quantity, text)) for column, text in below_it if text]
-        agree = (unit and (own.is_unit_assumed or unit == own.unit) for own, unit in spelled)
+        agree = (unit and (one.is_unit_assumed or unit == one.unit) for one, unit in spelled)
         if not spelled or not all(agree):
             return self
         names = list(self.names)
@@ -303,8 +303,8 @@ def read_columns(given: Mapping[str, str] | str) -> dict[str, str]:
     if not given:
         return {}
     if isinstance(given, str):
-        known = "|".join(map(re.escape, NAMES))
-        parts = re.split(rf"(?:^|,)\s*({known})\s*=", given)
+        quantities = "|".join(map(re.escape, NAMES))
+        parts = re.split(rf"(?:^|,)\s*({quantities})\s*=", given)
         unknown = parts[0].strip() or ("" if len(parts) > 1 else "nothing")
         given = dict(zip(parts[1::2], map(str.strip, parts[2::2]), strict=True))
     else:

@@ -56,7 +56,7 @@ class Counters:
     def quantum_ah(self) -> float:
         """The resolution of the coarsest counter: the decimal place to which it was printed."""
         moving = [values for values in self.written if values.any()]
-        return max(map(decimal_place, moving), default=0.0)
+        return max(map(decimal_step, moving), default=0.0)
 
     def increments_ah(self, *, with_net: bool) -> Increments | None:
         """Ah counted in each interval, charge positive; zero where a counter was reset.
@@ -65,7 +65,7 @@ class Counters:
         its sign is then the file's own.
         """
         counters = (self.charged_ah, 1), (self.discharged_ah, -1)
-        parts = [way * np.maximum(np.diff(own), 0) for own, way in counters if own is not None]
+        parts = [way * np.maximum(np.diff(ah), 0) for ah, way in counters if ah is not None]
         if not parts and with_net and self.net_ah is not None:
             parts = [np.diff(self.net_ah)]
         return reduce(np.add, parts) if parts else None
@@ -136,16 +136,16 @@ class Counters:
             return
         steps_ah = np.diff(self.net_ah)
         # One set to nothing counted no more since than flows in its interval.
-        own_ah = np.abs(integrated_ah)
-        own_ah = np.maximum(own_ah, np.append(own_ah[1:], 0)) + _QUANTA * self.quantum_ah
-        is_anew = (np.abs(self.net_ah[1:]) <= own_ah) & (np.abs(steps_ah) > 2 * own_ah)
+        flow_ah = np.abs(integrated_ah)
+        flow_ah = np.maximum(flow_ah, np.append(flow_ah[1:], 0)) + _QUANTA * self.quantum_ah
+        is_anew = (np.abs(self.net_ah[1:]) <= flow_ah) & (np.abs(steps_ah) > 2 * flow_ah)
         yield float(self.net_ah[0]), np.where(is_anew, self.net_ah[1:], steps_ah), is_anew
         # What a new step counts is of its own direction, whatever the hold says of the interval.
         direction = np.sign(integrated_ah)
         shrinks = np.abs(self.net_ah[1:]) < np.abs(self.net_ah[:-1])
-        own = np.where(shrinks | (direction == 0), np.append(direction[1:], 0), direction)
+        count_sign = np.where(shrinks | (direction == 0), np.append(direction[1:], 0), direction)
         gained_ah, is_anew = _joined(np.abs(self.net_ah))
-        yield 0.0, gained_ah * own, is_anew
+        yield 0.0, gained_ah * count_sign, is_anew
 
 
 def skipped_ah(charge_ah: Charge, held_ah: Increments, max_ah: Increments) -> Increments | None:
@@ -158,24 +158,24 @@ def skipped_ah(charge_ah: Charge, held_ah: Increments, max_ah: Increments) -> In
     """
     moving_ah = np.abs(np.diff(charge_ah))
     least_ah = _SKIPPED * float(np.ptp(charge_ah))
-    own_ah = np.diff(charge_ah) - held_ah
-    if not np.any(np.abs(own_ah) > least_ah):
+    beyond_ah = np.diff(charge_ah) - held_ah
+    if not np.any(np.abs(beyond_ah) > least_ah):
         return None
     least_ah = max(least_ah, _QUANTUM * float(moving_ah[moving_ah > 0].min(initial=np.inf)))
     apart_ah = charge_ah - np.concatenate([np.zeros(1), np.cumsum(held_ah)])
     # What it counts at once is of all the time for which it stood still.
     moved = np.where(moving_ah > 0, np.arange(1, len(moving_ah) + 1), 0)
     since = np.append(0, np.maximum.accumulate(moved)[:-1])
-    low_ah, high_ah = np.minimum(own_ah, 0), np.maximum(own_ah, 0)
+    low_ah, high_ah = np.minimum(beyond_ah, 0), np.maximum(beyond_ah, 0)
     excess_ah = np.clip(apart_ah[1:] - apart_ah[since], low_ah, high_ah)
     is_far = (np.abs(excess_ah) > least_ah) & (moving_ah > 0) & (moving_ah <= max_ah)
-    found_ah = np.zeros_like(held_ah)
-    for place in np.flatnonzero(is_far).tolist():
-        before = np.median(apart_ah[max(since[place] - _BESIDE, 0) : since[place] + 1])
-        after = np.median(apart_ah[place + 1 : place + 2 + _BESIDE])
-        if (after - before) / excess_ah[place] > _LASTING:
-            found_ah[place] = excess_ah[place]
-    return found_ah if found_ah.any() else None
+    hidden_ah = np.zeros_like(held_ah)
+    for at in np.flatnonzero(is_far).tolist():
+        before = np.median(apart_ah[max(since[at] - _BESIDE, 0) : since[at] + 1])
+        after = np.median(apart_ah[at + 1 : at + 2 + _BESIDE])
+        if (after - before) / excess_ah[at] > _LASTING:
+            hidden_ah[at] = excess_ah[at]
+    return hidden_ah if hidden_ah.any() else None
 
 
 def inner(ones: Float[np.ndarray, "n"], others: Float[np.ndarray, "n"]) -> float:
@@ -192,7 +192,7 @@ def cosine(ones: Float[np.ndarray, "n"], others: Float[np.ndarray, "n"]) -> floa
 def _in_blocks(is_loaded: Loaded, *values: Increments) -> list[Float[np.ndarray, "blocks"]]:
     """The sums of the intervals under load in each block of intervals."""
     starts = np.unique(np.linspace(0, len(is_loaded), _BLOCKS, endpoint=False, dtype=int))
-    return [np.add.reduceat(np.where(is_loaded, own, 0.0), starts) for own in values]
+    return [np.add.reduceat(np.where(is_loaded, value, 0.0), starts) for value in values]
 
 
 def _joined(counter_ah: Charge) -> tuple[Increments, Loaded]:
@@ -207,7 +207,7 @@ def gain_ah(counter_ah: Charge) -> float:
     return float(np.sum(np.maximum(np.diff(counter_ah), 0)))
 
 
-def decimal_place(values: Charge) -> float:
+def decimal_step(values: Charge) -> float:
     """The coarsest power of ten of which all values are multiples, to single precision."""
     # An even share of more values tells the same.
     values = values[:: 1 + len(values) // _ENOUGH]

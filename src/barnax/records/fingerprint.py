@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from .counters import decimal_place
+from .counters import decimal_step
 from .record import Record
 
 # Time in s, current in A and voltage in V of neighboring samples; how far the latter may differ.
@@ -58,15 +58,15 @@ class Content:
         """True if the samples of a fingerprint are among these, so far as the two overlap; and
         all others too of the record that it is of, where that is given."""
         (first_s, last_s), runs = read_fingerprint(fingerprint)
-        known = np.concatenate(runs, axis=1)
-        rounded = np.maximum(self._rounded, _rounded(known))
-        least = np.array([_CURRENT_SHARE, _SINGLE]) * np.abs(known[1:]).max(axis=1)
+        samples = np.concatenate(runs, axis=1)
+        rounded = np.maximum(self._rounded, _rounded(samples))
+        least = np.array([_CURRENT_SHARE, _SINGLE]) * np.abs(samples[1:]).max(axis=1)
         near = (rounded / 2 + least)[:, None]
         clocks_s = 0.0, first_s - self.run[0, 0], last_s - self.run[0, -1]
         return any(
             self._agrees(runs, shift_s, near, _ALIKE)
             and (not whole or self._agrees([whole.run], shift_s, near, _ALIKE_THROUGHOUT))
-            for shift_s in (*clocks_s, *self._likely_shifts(known, near))
+            for shift_s in (*clocks_s, *self._likely_shifts(samples, near))
         )
 
     @cached_property
@@ -77,23 +77,23 @@ class Content:
     def _by_voltage(self) -> Int[np.ndarray, "samples"]:
         return np.argsort(self.run[2])
 
-    def _likely_shifts(self, known: Run, near: Near) -> Iterator[float]:
+    def _likely_shifts(self, samples: Run, near: Near) -> Iterator[float]:
         """The difference of the clocks that most of the known samples may have."""
         time_s, current_a, voltage_v = self.run
         order, (near_a, near_v) = self._by_voltage, near.ravel()
-        low = np.searchsorted(voltage_v, known[2] - near_v, "left", order)
-        high = np.searchsorted(voltage_v, known[2] + near_v, "right", order)
+        low = np.searchsorted(voltage_v, samples[2] - near_v, "left", order)
+        high = np.searchsorted(voltage_v, samples[2] + near_v, "right", order)
         shifts_s = [np.zeros(0)]
-        for known_s, known_a, first, last in zip(known[0], known[1], low, high, strict=True):
+        for sample_s, sample_a, first, last in zip(samples[0], samples[1], low, high, strict=True):
             if last - first <= _MANY:
                 places = order[first:last]
-                is_near = np.abs(current_a[places] - known_a) <= near_a
-                shifts_s.append(known_s - time_s[places[is_near]])
-        found_s, width_s = np.concatenate(shifts_s), np.median(np.diff(time_s))
-        if len(found_s):
-            bins, counts = np.unique(np.round(found_s / width_s), return_counts=True)
+                is_near = np.abs(current_a[places] - sample_a) <= near_a
+                shifts_s.append(sample_s - time_s[places[is_near]])
+        all_s, width_s = np.concatenate(shifts_s), np.median(np.diff(time_s))
+        if len(all_s):
+            bins, counts = np.unique(np.round(all_s / width_s), return_counts=True)
             middle_s = bins[np.argmax(counts)] * width_s
-            yield float(np.median(found_s[np.abs(found_s - middle_s) <= width_s]))
+            yield float(np.median(all_s[np.abs(all_s - middle_s) <= width_s]))
 
     def _agrees(self, runs: list[Run], shift_s: float, near: Near, share: float) -> bool:
         """True if these samples are those of the runs, or lie on the lines between them, or they on
@@ -118,14 +118,14 @@ def read_fingerprint(text: str) -> tuple[tuple[float, float], list[Run]]:
 
 def _rounded(run: Run) -> Float[np.ndarray, "2"]:
     """To what current and voltage were rounded."""
-    return np.array([decimal_place(run[1]), decimal_place(run[2])])
+    return np.array([decimal_step(run[1]), decimal_step(run[2])])
 
 
 def _lie_on(lines: list[Run], points: list[Run], near: Near, share: float) -> bool:
     """True if that share of the points that overlap with their lines lies on them."""
     alike: list[np.bool_] = []
-    for line, own in zip(lines, points, strict=True):
-        is_on = _is_on(line, own, near)
+    for line, points_beside in zip(lines, points, strict=True):
+        is_on = _is_on(line, points_beside, near)
         if len(is_on) and is_on.mean() < _HALF:
             return False
         alike.extend(is_on)

@@ -174,12 +174,12 @@ def _ledger(samples: Samples) -> tuple[Ledger, Int[np.ndarray, "telling"]]:
     # The counters' own sign may be opposite to the file's.
     if inner(counted_ah, backward_ah) + inner(counted_ah, forward_ah) < 0:
         counted_ah = -counted_ah
-    largest_ah = max(max(own_ah.max(), -own_ah.min()) for own_ah in moved_ah)
+    largest_ah = max(max(charge_ah.max(), -charge_ah.min()) for charge_ah in moved_ah)
     # A hundredth of the record's largest step of charge keeps the noise of the current out.
     floor_ah = max(5 * quantum_ah, 0.01 * float(largest_ah))
     apart_ah = backward_ah - forward_ah
     places = np.flatnonzero((apart_ah > floor_ah) | (apart_ah < -floor_ah))
-    ledger = np.stack([own_ah[places] for own_ah in (counted_ah, backward_ah, forward_ah)])
+    ledger = np.stack([charge_ah[places] for charge_ah in (counted_ah, backward_ah, forward_ah)])
     is_reset = np.abs(ledger[0]) > 2 * np.abs(ledger[1:]).max(axis=0) + quantum_ah
     for counter_ah in (counters.charged_ah, counters.discharged_ah):
         if counter_ah is not None:
@@ -253,7 +253,7 @@ def _left_v(current_a: Rows, voltage_v: Rows, charge_ah: Rows) -> tuple[Rows, Ro
 def _hats(at: Rows, first: float, nodes: int) -> list[np.ndarray]:
     """Columns of a table over SOC that is linear between even nodes."""
     places = np.linspace(first, 1.0, nodes)
-    return [np.maximum(1 - np.abs(at - place) / (places[1] - places[0]), 0.0) for place in places]
+    return [np.maximum(1 - np.abs(at - node) / (places[1] - places[0]), 0.0) for node in places]
 
 
 def _innovation(left_v: Rows, moved_v: Rows) -> float:
@@ -261,15 +261,15 @@ def _innovation(left_v: Rows, moved_v: Rows) -> float:
 
     The most likely share of a random walk beside white noise, by Whittle's likelihood.
     """
-    found = []
+    shares = []
     blocks = max(len(left_v) // _BLOCK, 1)
     parts = (np.array_split(values_v, blocks) for values_v in (left_v, moved_v))
     for left, moved in zip(*parts, strict=True):
         power = np.abs(np.fft.rfft(left)[1:]) ** 2 / len(left)
-        place = 2 * np.pi * np.arange(1, len(power) + 1) / len(left)
-        shape = _SHARES[:, None] + 2 * (1 - np.cos(place))
+        frequency = 2 * np.pi * np.arange(1, len(power) + 1) / len(left)
+        shape = _SHARES[:, None] + 2 * (1 - np.cos(frequency))
         noise = np.mean(power / shape, axis=1)
         likely = -np.sum(np.log(shape), axis=1) - len(power) * np.log(np.maximum(noise, 1e-300))
         best = int(np.argmax(likely))
-        found.append(np.sqrt(_SHARES[best] * noise[best]) / max(float(np.std(moved)), 1e-12))
-    return float(np.median(found))
+        shares.append(np.sqrt(_SHARES[best] * noise[best]) / max(float(np.std(moved)), 1e-12))
+    return float(np.median(shares))

@@ -153,10 +153,10 @@ def find_scan(record: Record, cells_v: Voltages) -> Scan | None:
 def whole_lag(interval_s: Intervals, current_a: Rows, voltage_v: Rows) -> int:
     """The whole samples by which a voltage is older than a current, whose sign may be either."""
     # The steps are within reach of all that is tried.
-    known = _changes(interval_s, current_a, _NEAR + _FAR, _ENOUGH)
-    if known is None:
+    moves = _changes(interval_s, current_a, _NEAR + _FAR, _ENOUGH)
+    if moves is None:
         return 0
-    places, changes, scale = known
+    places, changes, scale = moves
     moved_v, tried = np.diff(voltage_v), range(-_FAR, _FAR + 1)
     table = np.column_stack([changes, *(-moved_v[places + late] for late in tried)])
     # On a busy machine threads wait for each other far longer than this takes.
@@ -204,10 +204,10 @@ def _usual_s(interval_s: Intervals) -> float:
 def _any_near(flags: Bool[np.ndarray, "intervals"], near: int) -> Bool[np.ndarray, "fewer"]:
     """True where any so near is, but for as many at both ends."""
     inner = max(len(flags) - 2 * near, 0)
-    found = flags[:inner].copy()
+    is_near = flags[:inner].copy()
     for first in range(1, 2 * near + 1):
-        found |= flags[first : first + inner]
-    return found
+        is_near |= flags[first : first + inner]
+    return is_near
 
 
 def _share(ohm: Float[np.ndarray, "3 ..."]) -> Float[np.ndarray, "..."]:
@@ -221,9 +221,9 @@ def _answers(
     """Answers b_j of the voltage's moves, the last columns, and the share of squares left."""
     count = len(scale)
     table, moves = products[:count, :count], products[:count, count:]
-    found = np.linalg.lstsq(table, moves, rcond=1e-12)[0]
-    left = 1 - np.sum(found * moves, axis=0) / np.diag(products)[count:]
-    return (found[:3] / scale[:3, None]).squeeze(), left
+    answers = np.linalg.lstsq(table, moves, rcond=1e-12)[0]
+    left = 1 - np.sum(answers * moves, axis=0) / np.diag(products)[count:]
+    return (answers[:3] / scale[:3, None]).squeeze(), left
 
 
 def aligned(record: Record, lag_s: float | None) -> Record:
@@ -234,8 +234,8 @@ def aligned(record: Record, lag_s: float | None) -> Record:
     Raises `InputError` for a lag that is no number, or is longer than the record.
     """
     if lag_s is None:
-        found = find_lag(record)
-        lag_s = 0.0 if found is None else found.seconds
+        lag = find_lag(record)
+        lag_s = 0.0 if lag is None else lag.seconds
     require_lag(record, lag_s)
     if lag_s == 0.0:
         return record
@@ -272,10 +272,10 @@ _ENOUGH_STEPS = 15_000
 # A pair answers in the sample after a step at most so often what it does in the next one, unless it
 # is over within two samples. More than this share of the whole, at so many deviations, is late.
 LASTING, _LATE_SHARE, LATE_SURE = 2.0, 0.03, 4.0
-Known = tuple[Float[np.ndarray, "answers"], Float[np.ndarray, "answers answers"]]
+Answers = tuple[Float[np.ndarray, "answers"], Float[np.ndarray, "answers answers"]]
 
 
-def answers_ohm(record: Record) -> Known | None:
+def answers_ohm(record: Record) -> Answers | None:
     """The answers of the voltage to a step of the current in the samples from it on, with their
     covariance; None where too few steps are on an even clock.
 
@@ -308,14 +308,14 @@ def answers_ohm(record: Record) -> Known | None:
     return answers[:_ANSWERS], variance_v2 * inverse[:_ANSWERS, :_ANSWERS]
 
 
-def late_r0_ohm(known: Known | None) -> float | None:
+def late_r0_ohm(step_answers: Answers | None) -> float | None:
     """The answers to a step of the current at once and one sample later, added up.
 
     None where nothing is late. A second answer far above what the third leaves it is late.
     """
-    if known is None:
+    if step_answers is None:
         return None
-    answers, covariance = known
+    answers, covariance = step_answers
     late = np.zeros(len(answers))
     late[1:3] = 1, -LASTING
     ohm, whole = float(late @ answers), float(answers[0] + answers[1])

@@ -71,8 +71,8 @@ def examine(source: Source, capacity_ah: float | None = None) -> Examined:
     if mended.too_short:
         # If bad cells took the samples, that has been said already.
         is_said = any(finding.severity == "error" for finding in mended.findings)
-        told = () if is_said else (mended.too_short,)
-        return Examined(None, None, (*mended.findings, *told))
+        values = () if is_said else (mended.too_short,)
+        return Examined(None, None, (*mended.findings, *values))
     # Absurd values overflow before they are found out.
     with np.errstate(all="ignore"):
         for rule in (
@@ -152,11 +152,11 @@ def read_record(
     assert samples is not None  # Where there are none, that was an error.
     sign, doubts = decide_sign(samples, current_sign, source.name)
     record = make_record(source, samples, sign, current_hold)
-    found = [finding.about(source.name) for finding in (*examined.findings, *doubts)]
+    findings = [finding.about(source.name) for finding in (*examined.findings, *doubts)]
     return replace(
         aligned(record, voltage_lag),
-        warnings=tuple(finding for finding in found if finding.severity == "warning"),
-        notes=tuple(finding for finding in found if finding.is_told),
+        warnings=tuple(finding for finding in findings if finding.severity == "warning"),
+        notes=tuple(finding for finding in findings if finding.is_kept),
     )
 
 

@@ -88,12 +88,12 @@ class Record(Brief):
     def __post_init__(self):
         for name, values in vars(self).copy().items():
             # The memory of a table is no array, and cannot be written to.
-            is_own = isinstance(values, np.ndarray) and not isinstance(values.base, np.ndarray)
-            if isinstance(values, np.ndarray) and not (is_own and not values.flags.writeable):
+            is_array = isinstance(values, np.ndarray) and not isinstance(values.base, np.ndarray)
+            if isinstance(values, np.ndarray) and not (is_array and not values.flags.writeable):
                 # A copy, for the caller may go on writing to what was given.
-                own = values.copy()
-                own.flags.writeable = False
-                object.__setattr__(self, name, own)
+                copied = values.copy()
+                copied.flags.writeable = False
+                object.__setattr__(self, name, copied)
 
     def __reduce__(self) -> tuple[type["Record"], tuple[Any, ...]]:
         """What is pickled: the fields, and nothing that was computed from them."""
@@ -310,8 +310,8 @@ def in_means(record: Record, interval_s: float) -> Record:
         return np.add.reduceat(values, first) / counts
 
     columns = "temperature_degc", "step", "row", "charge_ah", "cycle", "state"
-    begun = {name: own[first] for name in columns if (own := getattr(record, name)) is not None}
-    found = replace(
+    begun = {name: row[first] for name in columns if (row := getattr(record, name)) is not None}
+    means = replace(
         record,
         time_s=mean(record.time_s),
         current_a=mean(record.current_a),
@@ -327,11 +327,11 @@ def in_means(record: Record, interval_s: float) -> Record:
         group = np.cumsum(is_first) - 1
         silent = group[:-1][record.flowing < 1]
         silent = silent[silent < len(moved_ah)]
-        flowing, held_ah = np.ones(len(moved_ah)), found.moved_ah[silent]
+        flowing, held_ah = np.ones(len(moved_ah)), means.moved_ah[silent]
         shares = np.divide(moved_ah[silent], held_ah, np.ones(len(silent)), where=held_ah != 0)
         flowing[silent] = np.clip(shares, 0.0, 1.0)
-        found = replace(found, flowing=flowing)
-    return replace(found, skipped_ah=moved_ah - found.moved_ah)
+        means = replace(means, flowing=flowing)
+    return replace(means, skipped_ah=moved_ah - means.moved_ah)
 
 
 def degc_in_name(name: str) -> float | None:

@@ -18,7 +18,7 @@ from .cell_values import DAY_S, is_clock
 from .columns import NAMES, Column
 from .quantities import CELL_RANGE_V, NEEDED, QUANTITY_OF
 from .samples import COUNTERS, Samples
-from .table import found_at
+from .table import notice_at
 from .witnesses import CERTAIN, CHARGE, LEAST_A, Reading, Witness, witnesses_of
 
 Channel = Float[np.ndarray, "samples"]
@@ -66,17 +66,17 @@ def _with_unusual(samples: Samples) -> Samples:
     span_ah, ohm, length_s = samples.span_ah, abs(samples.answered_ohm), samples.length_s
     is_slow = length_s > _LONG_S or samples.peak_a < _RATE * span_ah
     is_fast = length_s < _SHORT_S and samples.bulk_time[1] > _SWUNG_V
-    is_named = is_clock(samples.table.columns[time.index]) or samples.table.has_known_units
+    is_named = is_clock(samples.table.columns[time.index]) or samples.table.has_fixed_units
     is_named |= time.quantity.name == "date" or time.is_unit_given
     if (is_slow or is_fast) and not is_named and "time-unit" not in said:
-        told = {"unit": time.unit.symbol, "length_h": length_s / 3600}
-        told |= {"column": time.header, "rate": samples.peak_a / max(span_ah, LEAST_A)}
-        samples = samples.telling(0, "time-unit.unusual", **told)
+        values = {"unit": time.unit.symbol, "length_h": length_s / 3600}
+        values |= {"column": time.header, "rate": samples.peak_a / max(span_ah, LEAST_A)}
+        samples = samples.telling(0, "time-unit.unusual", **values)
     is_small = current.unit.factor < 1 and ohm > _COIN_OHM and not samples.counters.written
     if is_small and not current.is_unit_given and "current-unit" not in said:
-        told = {"unit": current.unit.symbol, "peak_a": samples.peak_a, "ohm": ohm}
-        told |= {"column": current.header, "span_ah": span_ah}
-        samples = samples.telling(0, "current-unit.unusual", **told)
+        values = {"unit": current.unit.symbol, "peak_a": samples.peak_a, "ohm": ohm}
+        values |= {"column": current.header, "span_ah": span_ah}
+        samples = samples.telling(0, "current-unit.unusual", **values)
     return samples
 
 
@@ -101,7 +101,7 @@ def _readings(samples: Samples) -> Iterator[Reading]:
     # Clock times have no unit, and dates one of their own.
     is_number = not is_clock(samples.table.columns[time.index])
     is_number &= time.unit in time.quantity.units.values()
-    if is_number and not (time.is_unit_given or samples.table.has_known_units):
+    if is_number and not (time.is_unit_given or samples.table.has_fixed_units):
         for unit in dict.fromkeys(QUANTITY_OF["time"].units.values()):
             if unit != time.unit:
                 factor = unit.factor / time.unit.factor
@@ -135,7 +135,7 @@ def _settled(samples: Samples, best: list[Reading]) -> Samples:
     code = _CODES.get(kind, "charge-unit.reading")
     is_free = column.is_unit_assumed and kind != "current"
     symbol = reading.unit.symbol if reading.unit else ""
-    told = {
+    values = {
         "column": column.header,
         "quantity": reading.names[0],
         "unit": symbol,
@@ -145,23 +145,23 @@ def _settled(samples: Samples, best: list[Reading]) -> Samples:
         "option": reading.option(samples),
     }
     if not reading.unit:
-        told |= {"rename": "divided", "divisor": 1 / reading.factor}
+        values |= {"rename": "divided", "divisor": 1 / reading.factor}
     at = int(np.argmax(np.abs(samples.current_a))) if kind == "current" else 0
     if len(best) > 1 or (reading.weight < CERTAIN and is_free and kind == "time"):
         as_it_is = Reading(kind, reading.names, column.unit, 1.0)
-        told["choices"] = " or ".join(_choices(samples, (as_it_is, *best)))
-        return samples.telling(at, code, **told, case="asked" if is_free else "open")
+        values["choices"] = " or ".join(_choices(samples, (as_it_is, *best)))
+        return samples.telling(at, code, **values, case="asked" if is_free else "open")
     # Where nothing but the counters is in another unit, the current tells which.
     if reading.weight < CERTAIN and kind != CHARGE:
-        return samples.telling(at, code, **told, case="doubtful")
+        return samples.telling(at, code, **values, case="doubtful")
     mended = samples.having(**{n: samples.values[n] * reading.factor for n in reading.names})
     if reading.unit is None or (kind != CHARGE and not is_free):
-        return mended.telling(at, code, **told, case="wrong")
+        return mended.telling(at, code, **values, case="wrong")
     columns = dict(samples.columns)
     for name in reading.names:
         columns[name] = replace(columns[name], unit=reading.unit, is_unit_assumed=False)
     mended = replace(mended, columns=columns)
-    return mended.telling(at, code, **told, case="taken")
+    return mended.telling(at, code, **values, case="taken")
 
 
 def _choices(samples: Samples, readings: Sequence[Reading]) -> Iterator[str]:
@@ -215,12 +215,12 @@ def examine_voltage_unit(samples: Samples) -> Samples:
         is_one = middle_v < 1e3 * _MODULE_V
         is_milli = samples.columns["current"].unit.symbol == "mA" and is_one
         rename = samples.columns["voltage"].quantity.name_in("mV")
-        told = {"quantity": "voltage", "unit": "mV", "rename": rename}
+        unit = {"quantity": "voltage", "unit": "mV", "rename": rename}
         if is_milli:
-            told |= {"current": samples.header("current")}
-            samples = mended("voltage-unit.converted", 1e-3, **told)
+            unit |= {"current": samples.header("current")}
+            samples = mended("voltage-unit.converted", 1e-3, **unit)
         else:
-            samples = mended("voltage-unit.milli", 1e-3, several=None if is_one else "true", **told)
+            samples = mended("voltage-unit.milli", 1e-3, several=None if is_one else "true", **unit)
     elif middle_v > _MODULE_V:
         cells = max(2, round(middle_v / _NOMINAL_V))
         samples = mended("voltage-unit.pack", 1 / cells, series=cells)
@@ -243,8 +243,8 @@ _ENDS = (1e-3, 0.5, 0.999)
 
 def of_one_cell(voltage_v: Channel, series: int) -> Channel:
     """The voltage of one of the cells in series; as it is where it is one cell's already."""
-    known_v = np.abs(voltage_v[np.isfinite(voltage_v)])
-    middle_v = np.median(known_v) if len(known_v) else 0.0
+    finite_v = np.abs(voltage_v[np.isfinite(voltage_v)])
+    middle_v = np.median(finite_v) if len(finite_v) else 0.0
     is_one = middle_v <= CELL_RANGE_V[1] and middle_v / series < _LEAST_CELL_V
     return voltage_v if is_one or series == 1 else voltage_v / series
 
@@ -262,12 +262,12 @@ def examine_series(samples: Samples, series: int) -> Samples:
     is_lto = middle_v >= _LEAST_V and high_v <= _LTO_V and series * high_v > _HIGHEST_V
     if is_lto or (middle_v >= _LFP_V and high_v <= _HIGHEST_V):
         return samples
-    told = {"fits": "one", "low_v": low_v, "high_v": high_v, **values}
+    numbers = {"fits": "one", "low_v": low_v, "high_v": high_v, **values}
     if series * high_v > _HIGHEST_V:
         fewest = int(np.ceil(series * high_v / _CHARGED_V))
         most = max(fewest, int(series * middle_v / _NOMINAL_V))
-        told |= {"fits": "several", "fewest": fewest, "most": most, "full_v": _CHARGED_V}
-    return samples.telling(0, "series.unlikely", **told)
+        numbers |= {"fits": "several", "fewest": fewest, "most": most, "full_v": _CHARGED_V}
+    return samples.telling(0, "series.unlikely", **numbers)
 
 
 def examine_voltage_range(samples: Samples) -> Samples:
@@ -289,9 +289,9 @@ def examine_voltage_range(samples: Samples) -> Samples:
     given = {"voltage_v": voltage_v[first], "column": name, "samples": outside.sum()}
     is_most = outside.mean() > 0.5
     given |= {"low_v": low_v, "high_v": high_v, "most": "true" if is_most else None}
-    told = found_at(samples, first, "voltage-unit.outside", **given).rated(severity)
+    outlier = notice_at(samples, first, "voltage-unit.outside", **given).rated(severity)
     # If nearly all is outside, the rest shows nothing either.
-    return samples.noting(told) if is_most else samples.noting(told).keep(~outside)
+    return samples.noting(outlier) if is_most else samples.noting(outlier).keep(~outside)
 
 
 def ask_once(findings: Sequence[Notice], columns: Mapping[str, Column]) -> list[Notice]:

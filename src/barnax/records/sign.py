@@ -18,7 +18,7 @@ from .dialects import CHARGE, DISCHARGE, Sign
 from .logger import Decision
 from .record import runs
 from .samples import MORE, Samples, few, voltage_noise_v
-from .table import found_at
+from .table import notice_at
 
 SIGNS: Mapping[int, Sign] = {1: CHARGE, -1: DISCHARGE}
 
@@ -42,22 +42,22 @@ def decide_sign(samples: Samples, given: AutoSign, file: str) -> tuple[Decision,
 
     Raises InputError when a sign is given against strong evidence.
     """
-    found = _from_data(samples)
+    shown = _from_data(samples)
     if given == "auto":
         make, value = samples.dialect, samples.dialect.sign
         names = f"the data do not tell, and {make.name} column names usually mean {value}"
-        decision = found or Decision(value, "assumed", names)
+        decision = shown or Decision(value, "assumed", names)
         if make.is_sign_certain and decision.strength != "strong":
             decision = Decision(value, "strong", f"{make.name} instruments write it so")
         return decision, _doubts(samples, decision)
-    if found is None:
+    if shown is None:
         return Decision(given, "given", "given by the user; the data do not show it"), []
-    if found.value == given:
-        return Decision(given, "given", f"given by the user, and {found.reason}"), []
-    told = {"found": found.value, "strength": found.strength, "reason": found.reason}
-    against = Notice("sign.against-data", {"given": given, **told})
+    if shown.value == given:
+        return Decision(given, "given", f"given by the user, and {shown.reason}"), []
+    values = {"found": shown.value, "strength": shown.strength, "reason": shown.reason}
+    against = Notice("sign.against-data", {"given": given, **values})
     raise_first_error([against], file)
-    return Decision(given, "given", f"given by the user, although {found.reason}"), [against]
+    return Decision(given, "given", f"given by the user, although {shown.reason}"), [against]
 
 
 def _from_data(samples: Samples) -> Decision | None:
@@ -68,9 +68,9 @@ def _from_data(samples: Samples) -> Decision | None:
     """
     looks = _at_current_steps, _under_sustained_current, _of_counters, _of_states
     evidence = [one for look in looks if (one := look(samples)) is not None]
-    found, whole = _weighed(evidence), _over_the_record(samples)
-    if whole is None or (found and found.strength == "strong" and found.value == SIGNS[whole.vote]):
-        return found
+    sign, whole = _weighed(evidence), _over_the_record(samples)
+    if whole is None or (sign and sign.strength == "strong" and sign.value == SIGNS[whole.vote]):
+        return sign
     return _weighed([whole, *evidence], whole.vote if whole.is_strong else 0)
 
 
@@ -95,18 +95,18 @@ def _weighed(evidence: Sequence[Evidence], vote: int = 0) -> Decision | None:
 def _doubts(samples: Samples, sign: Decision) -> list[Notice]:
     """A sign that is doubtful, or another than the columns' names mean."""
     promised = samples.dialect.sign
-    told = {"sign": sign.value, "reason": sign.reason}
+    values = {"sign": sign.value, "reason": sign.reason}
     if sign.strength in ("weak", "assumed"):
-        code, told = "sign.doubtful", told | {"strength": sign.strength}
+        code, values = "sign.doubtful", values | {"strength": sign.strength}
     elif samples.dialect.is_make and sign.value != promised:
         code = "sign.unusual"
-        told |= {"dialect": samples.dialect.name, "promised": promised}
+        values |= {"dialect": samples.dialect.name, "promised": promised}
     elif sign.value == DISCHARGE and not samples.dialect.is_make:
         code = "sign.discharge-positive"
     else:
         return []
     at, _ = step_votes(samples)
-    return [found_at(samples, int(at[0]) + 1 if len(at) else 0, code, **told)]
+    return [notice_at(samples, int(at[0]) + 1 if len(at) else 0, code, **values)]
 
 
 # A current of one sign, but for its noise. Of signed currents hardly any step contradicts the
@@ -129,8 +129,8 @@ def examine_direction(samples: Samples) -> Samples:
         # Within any other state, the state before tells.
         last = np.maximum.accumulate(np.where(np.abs(state) == 1, np.arange(len(state)), -1))
         direction = np.where(last >= 0, -state[last], 1)
-        told = Notice("sign.by-state", {"column": name, "state": samples.header("state")})
-        return samples.having(current=np.abs(current_a) * direction).noting(told)
+        note = Notice("sign.by-state", {"column": name, "state": samples.header("state")})
+        return samples.having(current=np.abs(current_a) * direction).noting(note)
     _, votes = step_votes(samples)
     rising, falling = int(np.sum(votes > 0)), int(np.sum(votes < 0))
     if min(rising, falling) < max(_FEWEST_DENIALS, _DENIED_SHARE * len(votes)):
@@ -193,13 +193,13 @@ def _over_the_record(samples: Samples) -> Evidence | None:
         return None
     edges = np.linspace(0, len(charge_ah), count + 1).astype(int)[:-1]
     lengths = np.diff(edges, append=len(charge_ah))
-    current_a, own_v, charge_ah = (
+    current_a, mean_v, charge_ah = (
         np.add.reduceat(values[-len(charge_ah) :], edges) / lengths
         for values in (samples.current_a, samples.voltage_v, charge_ah)
     )
     table = np.column_stack([current_a, np.ones(count)])
-    own = np.column_stack([own_v, charge_ah])
-    rest_v, rest_ah = (own - table @ np.linalg.lstsq(table, own)[0]).T
+    means = np.column_stack([mean_v, charge_ah])
+    rest_v, rest_ah = (means - table @ np.linalg.lstsq(table, means)[0]).T
     agreement = cosine(rest_v, rest_ah)
     if not agreement:
         return None

@@ -44,8 +44,8 @@ def flowing_shares(record: Record) -> Float[np.ndarray, "intervals"] | None:
     interval_s, current_a, held_a = record.interval_s, record.current_a, record.interval_current_a
     usual_s, peak_a = float(np.median(interval_s)), float(np.max(np.abs(current_a)))
     either_a = np.minimum(np.abs(current_a[:-1]), np.abs(current_a[1:]))
-    own_a = either_a if record.hold.value == "centered" else np.abs(held_a)
-    is_written = own_a < _NO_CURRENT * peak_a
+    shown_a = either_a if record.hold.value == "centered" else np.abs(held_a)
+    is_written = shown_a < _NO_CURRENT * peak_a
     gaps = gaps_in(interval_s)
     gaps = gaps[~is_written[gaps] & (interval_s[gaps] > usual_s)]
     if not len(gaps):
@@ -64,24 +64,24 @@ def flowing_shares(record: Record) -> Float[np.ndarray, "intervals"] | None:
     source_v = record.voltage_v + ohm * current_a
     before = [slice(max(gap - _ROWS, 0), gap + 1) for gap in gaps.tolist()]
     falls = np.array([_fall(out_ah[rows], source_v[rows]) for rows in before])
-    known_v = _WITHIN_V + _WITHIN_SHARE * ohm * np.abs(np.diff(current_a)[gaps])
+    error_v = _WITHIN_V + _WITHIN_SHARE * ohm * np.abs(np.diff(current_a)[gaps])
 
     def likelihood(flowing_a: Float[np.ndarray, "gaps"] | float) -> Float[np.ndarray, "gaps"]:
         """The logarithm of that of how E moves, where so much flows through the gaps."""
         relaxing_v = _RELAXING * ohm * (lately_a - flowing_a) * -np.expm1(-gap_s / _LATELY_S)
         fall_v = falls * flowing_a * gap_s / 3600
-        variance = known_v**2 + relaxing_v**2 + (_FALL_SHARE * fall_v) ** 2
+        variance = error_v**2 + relaxing_v**2 + (_FALL_SHARE * fall_v) ** 2
         apart_v = np.diff(source_v)[gaps] - relaxing_v + fall_v
         return -np.log(variance) / 2 - 2 * np.log1p(apart_v**2 / variance / 3)
 
     usual_a = 3600 * out_ah[-1] / clock_s[-1]
-    told = likelihood(0.0) - np.maximum(likelihood(held_a[gaps]), likelihood(usual_a))
+    evidence = likelihood(0.0) - np.maximum(likelihood(held_a[gaps]), likelihood(usual_a))
     # A logger that writes changes alone has gaps between rows of one current, under a steady load.
     is_steady = np.abs(np.diff(current_a)[gaps]) < _STEADY * np.abs(current_a[gaps])
     is_silent &= np.mean(is_steady) < _STEADY_SHARE
     # Of a logger that writes rests, a gap is one that tells it alone, such as a clock that was set.
-    all_tell = is_silent and np.sum(np.clip(told, -_MOST, _MOST)) >= _MOST
-    rests = gaps[told > -_MOST] if all_tell else gaps[told >= _MOST]
+    all_tell = is_silent and np.sum(np.clip(evidence, -_MOST, _MOST)) >= _MOST
+    rests = gaps[evidence > -_MOST] if all_tell else gaps[evidence >= _MOST]
     shares = np.ones(len(interval_s))
     shares[rests] = usual_s / interval_s[rests]
     return shares if len(rests) else None
@@ -133,11 +133,11 @@ def examine_empty_current(lines: Lines) -> Lines:
     step, step_v = np.diff(current), np.diff(voltage_v)
     is_step = np.abs(step) > STEP_SHARE * np.max(np.abs(current))
     ends = is_step & (empty[1:] != empty[:-1])
-    known = is_step & ~empty[1:] & ~empty[:-1]
-    ohm = step_resistance_ohm(step[known], step_v[known])
+    is_logged = is_step & ~empty[1:] & ~empty[:-1]
+    ohm = step_resistance_ohm(step[is_logged], step_v[is_logged])
     if not ohm or np.count_nonzero(ends) < _FEWEST:
         return lines
-    rising = np.sign(np.sum(step[known] * step_v[known]))
+    rising = np.sign(np.sum(step[is_logged] * step_v[is_logged]))
     agreeing = np.abs(rising * step_v[ends] / (ohm * step[ends]) - 1) < _NEAR
     if np.mean(agreeing) < _AGREEING:
         return lines

@@ -19,7 +19,7 @@ from .quantities import CELL_RANGE_V, NEEDED, QUANTITY_OF
 from .record import OTHER_STATE
 
 # A line, or the first of several.
-Place = int | Bool[np.ndarray, "lines"]
+LineIndex = int | Bool[np.ndarray, "lines"]
 
 # Even nanoseconds since 1970 are less; anything larger overflows when it is squared.
 LARGEST_NUMBER = 1e20
@@ -50,7 +50,7 @@ class Table:
     row: Int[np.ndarray, "lines"]
     sheets: tuple[tuple[str, int], ...] = ()
     notes: tuple[Notice, ...] = ()
-    has_known_units: bool = False
+    has_fixed_units: bool = False
     files: int = 1
 
     @classmethod
@@ -112,23 +112,23 @@ class Table:
         least two within what a cell has: a sensor that has failed is one of its kind."""
         alike = self.header.numbered_voltages
         sets = [{name: self.in_volts(name) for name in names} for names in alike]
-        return [own for own in sets if sum(map(_is_of_cell, own.values())) >= FEWEST_CELLS]
+        return [one for one in sets if sum(map(_is_of_cell, one.values())) >= FEWEST_CELLS]
 
     def in_volts(self, name: str) -> Float[np.ndarray, "lines"]:
         """The voltages of a column, in V or mV by their size where its name has no unit."""
         index = self.header.names.index(name)
         column = in_its_unit(index, name, QUANTITY_OF["voltage"])
         values_v = numbers(self.columns[index], column)
-        known = values_v[np.isfinite(values_v)]
-        if column.is_unit_assumed and len(known) and np.median(np.abs(known)) > _MILLIVOLTS:
+        finite = values_v[np.isfinite(values_v)]
+        if column.is_unit_assumed and len(finite) and np.median(np.abs(finite)) > _MILLIVOLTS:
             values_v = values_v / 1000
         return values_v
 
 
 def _is_of_cell(values_v: Float[np.ndarray, "lines"]) -> bool:
     """True if the usual voltage of a column is one that a cell has."""
-    known_v = values_v[np.isfinite(values_v)]
-    return bool(len(known_v) and CELL_RANGE_V[0] < np.median(known_v) < CELL_RANGE_V[1])
+    finite_v = values_v[np.isfinite(values_v)]
+    return bool(len(finite_v) and CELL_RANGE_V[0] < np.median(finite_v) < CELL_RANGE_V[1])
 
 
 @dataclass(frozen=True)
@@ -196,9 +196,9 @@ class Lines:
         """The same lines, with more that was found in them."""
         return replace(self, findings=(*self.findings, *findings))
 
-    def telling(self, place: Place, code: str, /, **values: Any) -> Self:
+    def telling(self, line: LineIndex, code: str, /, **values: Any) -> Self:
         """The same lines, with a notice of one of them, or of the first of several."""
-        return self.noting(found_at(self, place, code, **values))
+        return self.noting(notice_at(self, line, code, **values))
 
     def having(self, **values: np.ndarray) -> Self:
         """The same lines with other values of some quantities."""
@@ -216,7 +216,7 @@ def take_lines(table: Table, columns: Mapping[str, Column]) -> Lines:
 
     A date that is given beside the time is the day of a time of day.
     """
-    dated = {name: dated_numbers(table.columns[own.index], own) for name, own in columns.items()}
+    dated = {name: dated_numbers(table.columns[one.index], one) for name, one in columns.items()}
     values = {name: numbers for name, (numbers, _) in dated.items()}
     zero_date_s = dated["time"][1] if "time" in dated else None
     if "date" in values and "time" in values:
@@ -230,9 +230,9 @@ def take_lines(table: Table, columns: Mapping[str, Column]) -> Lines:
     return lines.keep(~np.all([column.is_null().to_numpy() for column in table.columns], axis=0))
 
 
-def found_at(source: Lines, place: Place, code: str, /, **values: Any) -> Notice:
+def notice_at(source: Lines, line: LineIndex, code: str, /, **values: Any) -> Notice:
     """A notice of one line, or the first of several, with the row and sheet it stands in."""
-    at = source.at[int(np.argmax(place)) if isinstance(place, np.ndarray) else place]
+    at = source.at[int(np.argmax(line)) if isinstance(line, np.ndarray) else line]
     ends, sheet = np.cumsum([lines for _, lines in source.table.sheets]), None
     if len(ends) > 1:
         sheet, _ = source.table.sheets[int(np.searchsorted(ends, at, "right"))]
@@ -259,7 +259,7 @@ def few_common_rows(lines: Lines) -> Notice | None:
     if both >= _COMMON * min(has_current.sum(), has_voltage.sum()):
         return None
     names = {name: lines.header(name) for name in ("current", "voltage")}
-    return found_at(lines, has_voltage, "cells.apart", **names, rows=both)
+    return notice_at(lines, has_voltage, "cells.apart", **names, rows=both)
 
 
 def examine_cells(lines: Lines) -> Lines:
@@ -312,8 +312,8 @@ def examine_cells(lines: Lines) -> Lines:
         values = lines.values.get(name, np.zeros(0))
         is_small = np.all(np.abs(values) < _LARGEST_WHOLE)
         if not is_small or not np.array_equal(values, values.astype(np.int32)):
-            told = {"reason": "fractions", "column": lines.header(name)}
-            lines = lines.without(name).noting(Notice("cells.left-out", told))
+            values = {"reason": "fractions", "column": lines.header(name)}
+            lines = lines.without(name).noting(Notice("cells.left-out", values))
     state = lines.values.get("state", np.zeros(0))
     if np.any(is_other := state == OTHER_STATE) and not np.any(np.abs(state) == 1):
         given = {"column": lines.header("state")}
@@ -352,5 +352,5 @@ def _units_row(lines: Lines) -> str:
     needed = {name: column.quantity for name, column in lines.columns.items() if name in NEEDED}
     cells = [lines.cell(name, 0) for name in needed]
     spelled = (str(cell).strip().strip("[]()").lower() for cell in cells)
-    are_units = (cell in own.units for cell, own in zip(spelled, needed.values(), strict=True))
+    are_units = (cell in one.units for cell, one in zip(spelled, needed.values(), strict=True))
     return ", ".join(map(repr, cells)) if all(are_units) else ""

@@ -144,9 +144,9 @@ def _of_bulk(samples: Samples, bulk_s: float, travel_v: float) -> Witness:
     size = "high" if bulk_s > _BULK_S else "low"
     words = f"the resistance would be so {size} that all charge could pass in {bulk_s:.3g} s"
 
-    def is_cells(own_s: float) -> bool:
-        is_fine = samples.apart_s * own_s / bulk_s < _SLOW_S
-        return least_s <= own_s and (is_fine or own_s <= _BULK_S)
+    def is_cells(time_s: float) -> bool:
+        is_fine = samples.apart_s * time_s / bulk_s < _SLOW_S
+        return least_s <= time_s and (is_fine or time_s <= _BULK_S)
 
     # Nothing but another unit is so slow, or so fast.
     is_certain = bulk_s < least_s / 8 or (bulk_s > _BULK_S and travel_v >= _TRAVEL_V)
@@ -170,9 +170,9 @@ def _of_current(samples: Samples) -> Iterator[Witness]:
     words = f"the cell's resistance would be {shown}"
     weight = _HALF if is_large else 1.0
 
-    def is_cells(own_ohm: float) -> bool:
-        is_heavy = peak_a * ohm / own_ohm > _HEAVY_A
-        return own_ohm <= _MAX_OHM and (own_ohm >= _LEAST_OHM or not is_heavy)
+    def is_cells(cell_ohm: float) -> bool:
+        is_heavy = peak_a * ohm / cell_ohm > _HEAVY_A
+        return cell_ohm <= _MAX_OHM and (cell_ohm >= _LEAST_OHM or not is_heavy)
 
     yield Witness(ohm, over, is_cells, words, weight)
 

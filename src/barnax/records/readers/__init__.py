@@ -87,10 +87,10 @@ def _read(content: bytes, given: Mapping[str, str]) -> Table:
         raise InputError(
             "a zip archive, and not of one readable file; unpack it and give one of its files."
         )
-    known = ", ".join(reader.name for reader in READERS)
+    formats = ", ".join(reader.name for reader in READERS)
     raise InputError(
         "the content is binary and not in a known format, whatever the file's suffix. "
-        f"Known formats: {known}. Export the record as one of them."
+        f"Known formats: {formats}. Export the record as one of them."
     )
 
 

@@ -78,7 +78,7 @@ def _is_neware(content: bytes) -> bool:
     return content.startswith(b"NEWARE") or (content.startswith(ZIP) and b".ndc" in content)
 
 
-def _told_length(content: bytes) -> int:
+def _stated_length(content: bytes) -> int:
     """The length of an .nda file by its own head: the end of the last of its parts.
 
     The head holds begins and lengths of the parts, of 64 bits each from version 129 on, and of 32
@@ -132,7 +132,7 @@ def _read_neware(content: bytes, _: Mapping[str, str]) -> Table:
     import fastnda
 
     suffix = ".ndax" if content.startswith(ZIP) else ".nda"
-    if suffix == ".nda" and (length := _told_length(content)) > len(content):
+    if suffix == ".nda" and (length := _stated_length(content)) > len(content):
         raise InputError(
             f"the .nda file is cut short: it has {len(content):,} bytes of {length:,}; "
             "copy it again from the tester's computer."
@@ -144,7 +144,7 @@ def _read_neware(content: bytes, _: Mapping[str, str]) -> Table:
     with refusing(damaged):
         if suffix == ".ndax":
             require_room_to_unzip(content)
-        with _as_file(content, suffix) as path, quieted("fastnda") as told:
+        with _as_file(content, suffix) as path, quieted("fastnda") as logged:
             frame = fastnda.read(path, cycle_mode="auto")
     if not frame.height:
         raise InputError("this Neware file has no samples; give another.")
@@ -153,10 +153,10 @@ def _read_neware(content: bytes, _: Mapping[str, str]) -> Table:
             f"the {suffix} file is damaged: by its own counter of rows, some are missing "
             f"from row {lost} on; copy it again from the tester's computer."
         )
-    is_damaged = any(record.exc_info for record in told)
+    is_damaged = any(record.exc_info for record in logged)
     notes = (Notice("columns.left-out", {"part": "damaged"}),) if is_damaged else ()
     texts = frame.with_columns(pl.col(pl.Categorical).cast(pl.String))
-    return Table.of(texts, notes=notes, has_known_units=True)
+    return Table.of(texts, notes=notes, has_fixed_units=True)
 
 
 NEWARE = Reader("Neware .nda or .ndax", _is_neware, _read_neware)
@@ -176,7 +176,7 @@ def _by_package(
             f"{installing(extra)}, or export the record as {export}.",
         ):
             columns = {name: np.array(values) for name, values in parse(content).items()}
-        return Table.of(pl.DataFrame(columns), has_known_units=True)
+        return Table.of(pl.DataFrame(columns), has_fixed_units=True)
 
     return Reader(name, lambda content: start in content[:64], read)
 

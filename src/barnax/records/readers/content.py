@@ -118,8 +118,8 @@ def refusing(damaged: str, missing: str = "") -> Iterator[None]:
 
 def unpacked(archive: ZipFile, files: Iterable[ZipInfo]) -> Iterator[IO[bytes]]:
     """Files of a zip archive, to be read to their ends, whatever their size is said to be."""
-    for found in files:
-        whole = copy(found)
+    for entry in files:
+        whole = copy(entry)
         whole.file_size = 2 * LARGEST_FILE
         with archive.open(whole) as part:
             yield part

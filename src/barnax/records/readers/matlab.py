@@ -60,7 +60,7 @@ def _read(content: bytes, given: Mapping[str, str]) -> Table:
     if chosen := _chosen(structs, given):
         return Table.of(_frame(chosen))
     columns = {path: _columns(struct) for path, struct in structs.items()}
-    headers = {path: Header(tuple(own), given) for path, own in columns.items()}
+    headers = {path: Header(tuple(arrays), given) for path, arrays in columns.items()}
     chosen = [path for path, header in headers.items() if header.is_record]
     chosen = chosen or [path for path, header in headers.items() if header.is_ocv_table]
     records = {path: columns[path] for path in chosen}
@@ -71,8 +71,8 @@ def _read(content: bytes, given: Mapping[str, str]) -> Table:
     scripts = [path for path in records if _SCRIPTS.fullmatch(path)]
     if len(records) == 1 or (scripts and len(scripts) == len(records)):
         first, *others = sorted(records)
-        told = {"part": "structs", "used": first, "unused": ", ".join(others)}
-        notes = (Notice("columns.left-out", told),) if others else ()
+        values = {"part": "structs", "used": first, "unused": ", ".join(others)}
+        notes = (Notice("columns.left-out", values),) if others else ()
         return Table.of(_frame(records[first]), notes=notes)
     raise InputError(_refusal(structs, [*records]))
 
@@ -88,39 +88,40 @@ def _of_matlab_5(content: bytes) -> Struct:
 def _of_hdf5(content: bytes) -> Struct:
     import h5py
 
-    known: dict[Any, Any] = {}
+    values: dict[Any, Any] = {}
 
-    def value_of(found: Any, depth: int) -> Any:
+    def value_of(item: Any, depth: int) -> Any:
         # Something that is referred to again is read once, and may refer to itself.
-        if found.id not in known:
-            known[found.id] = None
-            known[found.id] = read(found, depth) if depth <= _DEEPEST else None
-        return known[found.id]
+        if item.id not in values:
+            values[item.id] = None
+            values[item.id] = read(item, depth) if depth <= _DEEPEST else None
+        return values[item.id]
 
-    def read(found: Any, depth: int) -> Any:
-        if isinstance(found, h5py.Group):
+    def read(item: Any, depth: int) -> Any:
+        if isinstance(item, h5py.Group):
             # Other files are not opened.
-            own = {
-                name: value_of(found[name], depth + 1)
-                for name in found
-                if name != "#refs#" and isinstance(found.get(name, getlink=True), h5py.HardLink)
+            fields = {
+                name: value_of(item[name], depth + 1)
+                for name in item
+                if name != "#refs#" and isinstance(item.get(name, getlink=True), h5py.HardLink)
             }
-            held = [item for item in found.values() if isinstance(item, h5py.Dataset)]
+            held = [member for member in item.values() if isinstance(member, h5py.Dataset)]
             are_links = held and all(h5py.check_ref_dtype(dataset.dtype) for dataset in held)
             if are_links and not any("MATLAB_class" in dataset.attrs for dataset in held):
                 # An array of structures holds each field as an array.
                 return [
-                    dict(zip(own, row, strict=True)) for row in zip(*own.values(), strict=False)
+                    dict(zip(fields, row, strict=True))
+                    for row in zip(*fields.values(), strict=False)
                 ]
-            return own
-        if found.external or found.is_virtual:
+            return fields
+        if item.external or item.is_virtual:
             raise InputError("refers to other files; save it as one file.")
-        if h5py.check_ref_dtype(found.dtype):
-            links = found[()].ravel()
-            return [value_of(found.file[link], depth + 1) for link in links if link]
-        if found.attrs.get("MATLAB_class") == b"char":
-            return "".join(map(chr, found[()].ravel().tolist()))
-        return found[()]
+        if h5py.check_ref_dtype(item.dtype):
+            links = item[()].ravel()
+            return [value_of(item.file[link], depth + 1) for link in links if link]
+        if item.attrs.get("MATLAB_class") == b"char":
+            return "".join(map(chr, item[()].ravel().tolist()))
+        return item[()]
 
     with h5py.File(io.BytesIO(content), "r") as opened:
         return value_of(opened, 0)

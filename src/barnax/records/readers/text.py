@@ -80,12 +80,12 @@ def _read(content: bytes, given: Mapping[str, str]) -> Table:
     header = Header((*header.names, ""), given)
     columns = _columns(content, above, header.names, delimiter)
     row = np.arange(lead + 1, lead + 1 + len(columns[0]))
-    for place, dropped in reversed(breaks):
-        row[row >= place] += dropped
+    for begin, dropped in reversed(breaks):
+        row[row >= begin] += dropped
     above = {"part": "above", "names_row": layout.above + 1}
     notes = [Notice("columns.left-out", above)] if layout.above else []
     if breaks:
-        again = ", ".join(str(place + dropped) for place, dropped in breaks[:5])
+        again = ", ".join(str(begin + dropped) for begin, dropped in breaks[:5])
         notes.append(Notice("columns.names-again", {"rows": again}))
     table = Table(header, tuple(columns), row, notes=tuple(notes))
     return _without_headings(_within_the_names(_records_of_layers(table)))
@@ -154,13 +154,13 @@ def _layout(lines: list[str], given: Mapping[str, str]) -> _Layout:
         if is_of_numbers or len(line) > _LONGEST_HEADER or not line.strip():
             continue
         delimiter, header = _names(line, given)
-        found = _Layout(above, header, delimiter)
+        layout = _Layout(above, header, delimiter)
         if header.is_record or header.is_ocv_table:
-            return found
+            return layout
         # The names of a record may stand further below.
         named = len(NEEDED) if header.other_table else len(header.columns.keys() & NEEDED)
         if fallback is None or named > most:
-            fallback, most = found, max(named, most)
+            fallback, most = layout, max(named, most)
     first = next((line for line in lines if line.strip()), "")
     if not first.replace("\t", "").isprintable():
         raise InputError(

@@ -127,12 +127,12 @@ def _chosen_sheets(headers: dict[str, Header]) -> list[str]:
     if len(partial) == 1:
         # The rules on columns say which of them is missing, or what table it is.
         return partial
-    found = "; ".join(
+    listing = "; ".join(
         f"{name}: {listed(header.names) or 'empty'}" for name, header in headers.items()
     )
     raise InputError(
         f"no sheet has columns for time, current and voltage in its first row. "
-        f"Sheets found: {cut(found, 1000)}. Name the columns, for example, 'Test Time / s', "
+        f"Sheets found: {cut(listing, 1000)}. Name the columns, for example, 'Test Time / s', "
         "'Current / A' and 'Voltage / V'."
     )
 

@@ -90,9 +90,9 @@ def test_a_record_that_is_small_beside_its_capacity_has_not_too_few_steps(
 
 def test_what_makes_r0_wrong_says_nothing_against_an_ocv_test():
     ohm = {"first_ohm": 0.02, "second_ohm": 0.01, "third_ohm": 0.005}
-    steps = {**ohm, "interval_s": 1.0, "missing_share": 0.5}
+    steps = {**ohm, "interval_s": 1.0, "missing_share": 0.5, "back_ohm": 0.01}
     gap = {"gaps": 1, "longest_s": 60.0, "longest_row": 3, "charge": "steady", "held_ah": 0.02}
-    given = {"late-voltage.smoothed": steps, "late-voltage.step": steps, "gaps.missing": gap}
+    given = {"late-voltage.step": steps, "smoothed-current.back": steps, "gaps.missing": gap}
     found = tuple(Notice(code, values) for code, values in given.items())
     checked = FileCheck("ocv.csv", found, None, ())
     of_test, of_record = (

@@ -45,9 +45,9 @@ def test_many_faults_are_all_found_at_once(tmp_path):
         "cells": "error",
         "clock": "error",
         "voltage unit": "error",
-        "current unit": "error",
+        "unit": "error",
         "sign": "warning",
-        "voltage spikes": "warning",
+        "spikes": "warning",
         "gaps": "warning",
     }
     severities = [finding.severity for finding in outcome.findings]

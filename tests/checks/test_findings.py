@@ -211,7 +211,7 @@ FAULTS = {
     "a coarse clock": (changed(DRIVE, TIME, np.floor(LINES / 10) * 10.0), {"repeats": "error"}),
     "many stamps of three values": (
         stamps_of_three(range(50, 19_000, 50)),
-        {"repeats": "error", "current spikes": "warning"},
+        {"repeats": "error", "spikes": "warning"},
     ),
     "a row twice": (in_order((0, 100), (99, None)), {}),
     "a row twice with noise": (changed(DRIVE, TIME, DRIVE[TIME][99], [100]), {}),
@@ -234,11 +234,11 @@ FAULTS = {
     ),
     "an absurd voltage": (changed(DRIVE, VOLTAGE, 65535.0, [77]), {"voltage unit": "error"}),
     "an odd voltage": (changed(DRIVE, VOLTAGE, 0.0, [77]), {"voltage unit": "warning"}),
-    "no load": (scaled(DRIVE, CURRENT, 0.0), {"current unit": "warning"}),
+    "no load": (scaled(DRIVE, CURRENT, 0.0), {"unit": "warning"}),
     "a large cell": (scaled(DRIVE, CURRENT, 100.0), {}),
     "milliamperes by the capacity": (
         scaled(DRIVE[:2500], CURRENT, 100.0),
-        {"current unit": "warning", "capacity": "warning"},
+        {"unit": "warning", "capacity": "warning"},
     ),
     "a discharge-positive current": (scaled(DRIVE, CURRENT, -1.0), {"sign": "warning"}),
     "a discharge-positive current of plain names": (
@@ -272,7 +272,7 @@ FAULTS = {
     "counters that agree": (with_counters(DRIVE), {}),
     "counters that disagree": (with_counters(DRIVE, 1.06), {"counters": "warning"}),
     "counters a little off": (with_counters(DRIVE, 1.03), {}),
-    "counters in mAh": (with_counters(DRIVE, 1000.0), {"charge unit": "warning"}),
+    "counters in mAh": (with_counters(DRIVE, 1000.0), {"unit": "warning"}),
     "exchanged counters": (exchanged_counters(), {"sign": "warning"}),
     "counters that began before": (
         with_counters(DRIVE).with_columns(pl.col(DISCHARGED) + 1.25),
@@ -363,10 +363,10 @@ def test_a_spike_is_found_at_its_row(tmp_path, name, column, height, width):
     line = 3001 if name != "ocv_charge" else 4001
     lines = np.arange(line, line + width)
     outcome = checked(tmp_path, changed(table, column, array(table, column)[lines] + height, lines))
-    check = "voltage spikes" if column == VOLTAGE else "current spikes"
-    assert counting(outcome) == {check: "warning"}
-    assert found(outcome, check).row == line + 2
-    assert f"({width} sample" in found(outcome, check).what
+    assert counting(outcome) == {"spikes": "warning"}
+    spikes = found(outcome, "spikes")
+    assert (spikes.row, spikes.values["samples"]) == (line + 2, width)
+    assert spikes.values["channel"] == ("voltage" if column == VOLTAGE else "current")
 
 
 @pytest.mark.parametrize("late", [3, -3, 5])
@@ -375,15 +375,14 @@ def test_a_spike_beside_a_late_voltage_is_found_at_its_row(tmp_path, late, colum
     table = DRIVE.with_columns(pl.col(VOLTAGE).shift(late)).drop_nulls()
     height = 0.5 if column == VOLTAGE else 8.0
     outcome = checked(tmp_path, changed(table, column, array(table, column)[3001] + height, 3001))
-    check = "voltage spikes" if column == VOLTAGE else "current spikes"
-    assert found(outcome, check).row == 3003
+    assert found(outcome, "spikes").row == 3003
 
 
 @pytest.mark.parametrize("late", [3, -3])
 def test_a_late_voltage_that_stands_still_is_found_at_its_rows(tmp_path, late):
     table = DRIVE.with_columns(pl.col(VOLTAGE).shift(late)).drop_nulls()
     still = changed(table, VOLTAGE, array(table, VOLTAGE)[3000], np.arange(3000, 3400))
-    told = found(checked(tmp_path, still), "stuck voltage")
+    told = found(checked(tmp_path, still), "stuck")
     # The ends of a run may be of the moments beside it.
     assert told.row == told.values["first_row"] == 3003
     assert told.values["last_row"] == 3400
@@ -396,27 +395,21 @@ def test_a_short_pulse_that_the_voltage_answers_is_no_spike(tmp_path):
 
 
 @pytest.mark.parametrize("name", DRIVES)
-@pytest.mark.parametrize(
-    ("column", "value", "check"),
-    [
-        (VOLTAGE, None, "stuck voltage"),
-        (CURRENT, 0.0, "stuck current"),
-        (CURRENT, 0.5538, "stuck current"),
-    ],
-)
-def test_a_channel_that_stands_still_is_found(tmp_path, name, column, value, check):
+@pytest.mark.parametrize(("column", "value"), [(VOLTAGE, None), (CURRENT, 0.0), (CURRENT, 0.5538)])
+def test_a_channel_that_stands_still_is_found(tmp_path, name, column, value):
     table = frame(name)
     value = array(table, column)[3000] if value is None else value
     outcome = checked(tmp_path, changed(table, column, value, np.arange(3000, 3400)))
-    assert counting(outcome) == {check: "error"}
-    assert found(outcome, check).row == pytest.approx(3002, abs=3)
+    assert counting(outcome) == {"stuck": "error"}
+    assert found(outcome, "stuck").row == pytest.approx(3002, abs=3)
+    assert found(outcome, "stuck").values["channel"] == column.split(" ")[0].lower()
 
 
 @pytest.mark.parametrize("name", BUNDLED_NAMES)
 def test_a_clipped_voltage_is_found(tmp_path, name):
     table = frame(name)
     clipped = changed(table, VOLTAGE, np.clip(array(table, VOLTAGE), 3.3, 3.9))
-    assert "stops at" in found(checked(tmp_path, clipped), "stuck voltage").what
+    assert "stops at" in found(checked(tmp_path, clipped), "stuck").what
 
 
 @pytest.mark.parametrize("name", DRIVES)
@@ -446,7 +439,7 @@ def test_a_held_voltage_is_not_stuck(tmp_path, noise_a):
         current_a[start : start + 20] = 0.0
         voltage_v[start : start + 20] -= 0.06
     table = logged(seconds, np.round(current_a, 3), voltage_v)
-    assert not counting(checked(tmp_path, table)).keys() & {"stuck voltage", "stuck current"}
+    assert not counting(checked(tmp_path, table)).keys() & {"stuck"}
 
 
 def test_a_step_of_the_current_that_the_voltage_answers_late_is_no_break(tmp_path):

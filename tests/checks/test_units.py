@@ -29,9 +29,9 @@ CLEAN = {}
 
 def test_the_units_of_a_testers_own_format_are_not_in_doubt():
     source = source_from_frame(times(TIME, 1 / 60)(frame()), "cell.ndax")
-    assert counting(check_file(source)) == {"time unit": "error"}
+    assert counting(check_file(source)) == {"unit": "error"}
     known = replace(source, table=replace(source.table, has_fixed_units=True))
-    assert "time unit" not in counting(check_file(known))
+    assert "unit" not in counting(check_file(known))
 
 
 def assert_seen_through(folder, name, outcome):
@@ -56,15 +56,15 @@ def named(column, name):
 
 # What is done to a record, the check that finds it, and words of what it says and advises.
 FAULTS = {
-    "minutes": (times(TIME, 1 / 60), "time unit", "minutes", "'Test Time / min'"),
-    "hours": (times(TIME, 1 / 3600), "time unit", "hours", "'Test Time / h'"),
-    "milliseconds": (times(TIME, 1e3), "time unit", "milliseconds", "'Test Time / ms'"),
-    "no hours": (named(TIME, "Test Time / h"), "time unit", "seconds", "'Test Time / s'"),
-    "no minutes": (named(TIME, "Test Time / min"), "time unit", "seconds", "'Test Time / s'"),
-    "milliamperes": (times(CURRENT, 1e3), "current unit", "milliamperes", "'Current / mA'"),
+    "minutes": (times(TIME, 1 / 60), "unit", "minutes", "'Test Time / min'"),
+    "hours": (times(TIME, 1 / 3600), "unit", "hours", "'Test Time / h'"),
+    "milliseconds": (times(TIME, 1e3), "unit", "milliseconds", "'Test Time / ms'"),
+    "no hours": (named(TIME, "Test Time / h"), "unit", "seconds", "'Test Time / s'"),
+    "no minutes": (named(TIME, "Test Time / min"), "unit", "seconds", "'Test Time / s'"),
+    "milliamperes": (times(CURRENT, 1e3), "unit", "milliamperes", "'Current / mA'"),
     "no milliamperes": (
         named(CURRENT, "Current / mA"),
-        "current unit",
+        "unit",
         "amperes, not milliamperes",
         "'Current / A'",
     ),
@@ -101,7 +101,7 @@ def test_another_unit_is_named_and_the_rest_seen_through(tmp_path, name, fault, 
     assert counting(outcome) == {check: "error"}
     assert words in found(outcome, check).what
     assert remedy in found(outcome, check).remedy
-    if check == "current unit":
+    if "amperes" in words:
         largest = int(np.argmax(np.abs(table[table.columns[1]].to_numpy())))
         assert found(outcome, check).row == 2 + largest
     assert_seen_through(tmp_path, name, outcome)
@@ -141,7 +141,7 @@ def test_a_slow_sweep_whose_steps_are_hidden_is_not_in_minutes(interval_s, late,
     """A voltage that is late by a row shows no step, and one that is logged slowly shows what it
     relaxes by in its place."""
     outcome = check_file(source_from_frame(swept(interval_s, late, relaxing_v), "sweep"))
-    assert "time unit" not in counting(outcome)
+    assert "unit" not in counting(outcome)
 
 
 def test_a_time_converted_twice_is_told_by_a_load_whose_current_is_of_means():
@@ -154,14 +154,14 @@ def test_a_time_converted_twice_is_told_by_a_load_whose_current_is_of_means():
     mean_a = np.append(current_a[0], (current_a[1:] + current_a[:-1]) / 2)
     table = logged(60 * np.arange(3600.0), mean_a, np.round(voltage_v, 3))
     outcome = check_file(source_from_frame(table.rename({TIME: "Time [s]"}), "drive"))
-    assert "minutes, converted to seconds twice" in found(outcome, "time unit").what
+    assert "minutes, converted to seconds twice" in found(outcome, "unit").what
 
 
 def test_a_current_named_in_milliamperes_is_not_taken_for_them_again(tmp_path):
     """Whatever the capacity, which may be another cell's."""
     table = scaled(frame(), CURRENT, 1e3).rename({CURRENT: "Current [mA]"})
     found_checks = {each.check for each in checked(tmp_path, table, capacity_ah=0.05).findings}
-    assert "current unit" not in found_checks
+    assert "unit" not in found_checks
     assert "capacity" in found_checks
 
 
@@ -171,5 +171,6 @@ def test_a_charge_of_the_interval_too_small_for_the_cell_is_told_by_its_own_name
         (pl.col(CURRENT) / 3600).alias("dq/mA.h"),
         (pl.col(VOLTAGE) - pl.col(TIME) / 200).alias("Ewe/V"),
     )
-    outcome = check_file(source_from_frame(table, "cell"), capacity_ah=CAPACITY_AH)
-    assert found(outcome, "current unit").remedy == "correct the unit of 'dq/mA.h'"
+    findings = check_file(source_from_frame(table, "cell"), capacity_ah=CAPACITY_AH).findings
+    remedies = {one.values["quantity"]: one.remedy for one in findings if one.check == "unit"}
+    assert remedies["current"] == "correct the unit of 'dq/mA.h'"

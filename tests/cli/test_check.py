@@ -69,7 +69,7 @@ def test_json_holds_every_file_and_goes_to_stdout_alone(run, faulty, unreadable)
     assert [file["file"] for file in document["files"]] == ["faulty.csv", "identification.parquet"]
     assert [file["clean"] for file in document["files"]] == [False, True]
     findings = document["files"][0]["findings"]
-    assert {finding["check"] for finding in findings} == {"clock", "current unit"}
+    assert {finding["check"] for finding in findings} == {"clock", "unit"}
     assert [finding["row"] for finding in findings if finding["check"] == "clock"] == [502]
     outcome = run("check", unreadable, "--json")
     assert outcome.status == 2

@@ -62,7 +62,7 @@ def test_days_of_a_spreadsheet_are_dates_and_a_time_since_a_start_is_none():
 def test_a_time_without_a_unit_is_never_seconds_that_no_logger_waits(name, factor):
     time_s, codes = time_of(name, SECONDS * factor)
     np.testing.assert_allclose(time_s, SECONDS, rtol=1e-9)
-    assert codes == ["time-unit.reading"]
+    assert codes == ["unit.reading"]
 
 
 @pytest.mark.parametrize(
@@ -109,8 +109,8 @@ def test_a_bare_time_is_read_as_it_was_or_not_at_all(unit, interval_s, start_s, 
     table = {name: np.round(time_s / unit_s, decimals), "current": current_a, "voltage": voltage_v}
     hypothesis.assume(not (unit in ("min", "h") and interval_s >= 60))
     findings = check_file(source_from_frame(table, "log")).findings
-    said = [one for one in findings if one.check == "time unit"]
-    assert not [one for one in findings if one.check == "current unit"]
+    said = [one for one in findings if one.check == "unit"]
+    assert {one.values["quantity"] for one in said} <= {"time"}
     if any(one.severity == "error" for one in findings):
         assert f":{unit}'" in " ".join(map(str, said))
         return
@@ -130,8 +130,8 @@ def test_a_counter_in_mah_is_the_odd_one_out(name):
     assert record.charge_ah is not None
     assert np.ptp(record.charge_ah) == pytest.approx(3.4 * SECONDS[-1] / 3600)
     codes = [one.code for one in record.warnings]
-    assert not any(code.startswith(("time-unit", "current-unit", "counters")) for code in codes)
-    (warning,) = [one for one in record.warnings if one.code == "charge-unit.reading"]
+    assert not any(code.startswith("counters") for code in codes)
+    (warning,) = [one for one in record.warnings if one.code == "unit.reading"]
     (option,) = re.findall(r"columns='(.*?)'`", str(warning))
     obeyed = barnax.record_from_frame({**table, name: counted_mah, **others}, columns=option)
     np.testing.assert_allclose(obeyed.charge_ah, record.charge_ah)
@@ -192,7 +192,7 @@ def test_a_clock_beside_a_bare_time_tells_its_unit(unit_s, clock):
     table = frame("Time", seconds / unit_s) | {clock: beside}
     record = barnax.record_from_frame(table)
     np.testing.assert_allclose(record.time_s, seconds)
-    (warning,) = [one for one in record.warnings if one.code.startswith("time-unit")]
+    (warning,) = [one for one in record.warnings if one.code == "unit.reading"]
     assert f"intervals by '{clock}' are {unit_s:.0f} times as long" in str(warning)
 
 
@@ -480,7 +480,7 @@ def test_what_relaxes_within_a_minute_is_no_resistance_of_a_time_converted_twice
     voltage_v = np.append(np.repeat(voltage_v[0], late), voltage_v)[: len(hours)]
     table = {"Time [s]": 3600 * hours, "Current [A]": current_a, "Voltage [V]": voltage_v}
     findings = check_file(source_from_frame(table, "sweep")).findings
-    assert not [one for one in findings if one.check == "time unit"]
+    assert not [one for one in findings if one.check == "unit"]
 
 
 @pytest.mark.parametrize("bits", [16, 32])

@@ -96,7 +96,7 @@ def test_two_files_joined_are_told_by_their_names(tmp_path):
         read(tmp_path, content + content)
     table = read_table(content + content, "cell")
     assert table.row[299:301].tolist() == [309, 309 + 10]
-    assert "columns.names-again" in {note.code for note in table.notes}
+    assert "names" in {note.values["part"] for note in table.notes}
 
 
 def test_states_and_counters_of_a_step_are_read(tmp_path):
@@ -139,7 +139,7 @@ def test_dates_beside_a_clock_name_its_unit(symbol, words, factor):
     }
     record = record_from_frame(table)
     np.testing.assert_allclose(record.time_s, time)
-    (warning,) = [one for one in record.warnings if one.code == "time-unit.reading"]
+    (warning,) = [one for one in record.warnings if one.code == "unit.reading"]
     assert f"is taken in {words}" in str(warning)
     assert f"intervals by 'Date Time' are {factor:g} times as long" in str(warning)
     table["Time / s"] = table.pop("Time")

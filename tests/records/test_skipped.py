@@ -55,7 +55,7 @@ def test_it_is_told_and_the_file_serves_as_what_it_is(skipping):
     (told,) = (each for each in outcome.findings if each.check == "skipped")
     assert told.severity == "warning"
     assert "in 10 intervals the tester counted 1.81" in told.what
-    assert not [each for each in outcome.findings if each.check == "time unit"]
+    assert not [each for each in outcome.findings if each.code == "unit.reading"]
     (test,) = (role for role in outcome.roles if role.name == "OCV test")
     assert "discharge with 11 rests, 1.986 Ah" in test.reason
 
@@ -66,7 +66,7 @@ def test_without_counters_it_is_no_ocv_test_and_nothing_is_put_to_the_clock(skip
     outcome = check_file(path)
     (gaps,) = (each for each in outcome.findings if each.check == "gaps")
     assert "what passed meanwhile was not logged" in gaps.what
-    assert not [each for each in outcome.findings if each.check == "time unit"]
+    assert not [each for each in outcome.findings if each.code == "unit.reading"]
     assert "OCV test" not in [role.name for role in outcome.roles if role.is_usable]
 
 

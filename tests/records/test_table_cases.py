@@ -330,7 +330,7 @@ def test_rows_without_names_are_told_to_need_them_and_read_with_them(tmp_path, f
 def test_names_among_numbers_are_names_of_which_one_is_missing(tmp_path, names):
     rows = FRAME.select(TIME, CURRENT, VOLTAGE).with_columns(pl.lit(1).alias("count"))
     said = refusal(tmp_path, f"{names}\n{rows.write_csv(include_header=False)}")
-    assert "or give its name with `columns`" in said
+    assert "no column for the" in said
     assert "holds numbers" not in said
 
 

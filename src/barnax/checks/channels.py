@@ -75,16 +75,17 @@ _UNITS = {"voltage": "v", "current": "a"}
 def find_spikes(given: CheckInput) -> Iterator[Notice]:
     """Voltages that leave their neighbors, and no current says why; and currents that do, and the
     voltage does not answer."""
-    both = [("voltage-spikes.unexplained", "voltage", _voltage_spikes(given))]
-    if given.samples.resistance_ohm:
-        ohmic_v = given.record.current_a * given.samples.resistance_ohm
-        spiked = _spikes(given, ohmic_v, given.record.voltage_v, after=1)
-        both.append(("current-spikes.unanswered", "current", spiked))
-    for code, channel, spiked in both:
+    ohmic_v = given.record.current_a * given.samples.resistance_ohm
+    both = {
+        "voltage": _voltage_spikes(given),
+        "current": _spikes(given, ohmic_v, given.record.voltage_v, after=1),
+    }
+    for channel, spiked in both.items():
         if spiked.any():
             values, unit, at = given.samples.values[channel], _UNITS[channel], int(spiked.argmax())
-            numbers = {f"spike_{unit}": values[at], f"beside_{unit}": values[at - 1]}
-            yield given.at(at, code, channel, samples=spiked.sum(), **numbers)
+            spike = {f"spike_{unit}": values[at], f"beside_{unit}": values[at - 1]}
+            spike |= {"channel": channel, "samples": spiked.sum()}
+            yield given.at(at, "spikes.channel", channel, **spike)
 
 
 def _voltage_spikes(given: CheckInput) -> Flags:
@@ -144,8 +145,7 @@ def find_stuck_voltage(given: CheckInput) -> Iterator[Notice]:
     is_stuck = swing_a > least_a
     if is_stuck.any():
         expected_v = float(np.max(swing_a)) * given.samples.resistance_ohm
-        code = "stuck-voltage.still"
-        yield _stuck(given, code, "voltage", first[is_stuck], last[is_stuck], expected_v)
+        yield _stuck(given, "voltage", first[is_stuck], last[is_stuck], expected_v)
 
 
 def find_stuck_current(given: CheckInput) -> Iterator[Notice]:
@@ -163,12 +163,10 @@ def find_stuck_current(given: CheckInput) -> Iterator[Notice]:
     if is_stuck.any():
         first, last = first[is_stuck], last[is_stuck]
         jump_v = float(np.abs(step_v[first[0] : last[0]]).max())
-        yield _stuck(given, "stuck-current.still", "current", first, last, jump_v)
+        yield _stuck(given, "current", first, last, jump_v)
 
 
-def _stuck(
-    given: CheckInput, code: str, channel: str, first: Places, last: Places, moved_v: float
-) -> Notice:
+def _stuck(given: CheckInput, channel: str, first: Places, last: Places, moved_v: float) -> Notice:
     """The first run, and how many more there are."""
     values = given.samples.values[channel]
     value = values[first]
@@ -179,8 +177,9 @@ def _stuck(
     severity: Severity = "error" if samples > 0.01 * given.record.samples else "warning"
     return given.at(
         int(first[0]),
-        code,
+        "stuck.still",
         channel,
+        channel=channel,
         range="end" if is_end else None,
         samples=samples,
         places=len(first),

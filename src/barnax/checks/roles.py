@@ -13,7 +13,7 @@ from ..cell import OcvPoint, OcvTable
 from ..cell.soc_axis import CHARGE, DISCHARGE, WORD, Sweep, by_direction, decide_capacity
 from ..errors import InputError, counted
 from ..notices import Notice
-from ..records.record import CHARGE_S, SETTLED_V, is_long
+from ..records.record import SETTLED_V, is_long
 from ..settings import Window
 from .traits import CheckInput, Kind, Traits
 
@@ -213,12 +213,12 @@ def suggest_window(given: CheckInput) -> SuggestedWindow:
 def _after_charge(given: CheckInput) -> SuggestedWindow | None:
     """From the end of the rest after a long charge, where all current steps come after it."""
     record, steps = given.record, given.samples.steps
-    for first, last in () if given.ocv.sweeps else given.segments.loads(1):
+    for _, last in () if given.ocv.sweeps else given.segments.long_loads(1):
         before, after = np.sum(steps < last), np.sum(steps > last)
         if before >= _FEWEST_STEPS or after < _FEWEST_STEPS:
             return None
         at, rest_s = given.segments.rest_before(last + 1)
-        if is_long(rest_s) and record.time_s[last] - record.time_s[first] >= CHARGE_S:
+        if is_long(rest_s):
             charge = f"the charge that ends in row {record.row[last]}"
             reason = f"the profile follows {charge}, after {_duration(rest_s)} of rest"
             return SuggestedWindow(reason, Window(start_time_s=_clock_before(given, at)))

@@ -30,7 +30,7 @@ _BACK_SHARE = 0.1
 _ALIKE_S = 0.5
 
 # What makes R0 wrong, and an OCV no worse.
-OF_R0 = frozenset({"late-voltage.step", "late-voltage.smoothed", "smoothed-current.back"})
+OF_R0 = frozenset({"late-voltage.step", "smoothed-current.back"})
 
 
 def find_gaps(given: CheckInput) -> Iterator[Notice]:
@@ -158,16 +158,14 @@ def find_late_voltage(given: CheckInput) -> Iterator[Notice]:
         return
     (first_ohm, second_ohm, third_ohm, _, last_ohm), covariance = answers
     values = {"first_ohm": first_ohm, "interval_s": given.usual_s}
-    more = {"second_ohm": second_ohm, "third_ohm": third_ohm}
     slow_ohm = max(_SLOW_SHARE * first_ohm, LATE_SURE * np.sqrt(np.max(np.diag(covariance))))
     # A steep OCV adds the same to every answer.
     is_slow, is_rising = second_ohm - last_ohm > slow_ohm, last_ohm - first_ohm > slow_ohm
-    if not given.is_lag_given and late_r0_ohm(answers) is not None:
-        late_ohm = second_ohm - LASTING * third_ohm
-        share = late_ohm / (first_ohm + late_ohm)
-        yield Notice("late-voltage.step", {**values, **more, "missing_share": share})
-    elif not given.is_lag_given and first_ohm > 0 and (is_slow or is_rising):
-        yield Notice("late-voltage.smoothed", {**values, **more})
+    late_ohm = None if late_r0_ohm(answers) is None else second_ohm - LASTING * third_ohm
+    if not given.is_lag_given and (late_ohm or (first_ohm > 0 and (is_slow or is_rising))):
+        share = late_ohm and late_ohm / (first_ohm + late_ohm)
+        more = {"second_ohm": second_ohm, "third_ohm": third_ohm, "missing_share": share}
+        yield Notice("late-voltage.step", {**values, **more})
     back_ohm = max(_BACK_SHARE * first_ohm, LATE_SURE * np.sqrt(covariance[1, 1]))
     if first_ohm > 0 and -second_ohm > back_ohm:
         yield Notice("smoothed-current.back", {**values, "back_ohm": -second_ohm})
@@ -247,18 +245,15 @@ def find_temperature(given: CheckInput) -> Iterator[Notice]:
     if temperature is None:
         return
     low, high = _TEMPERATURE_DEGC
-    outside = (temperature < low) | (temperature > high)
+    bottom, top = np.quantile(temperature, _ENDS)
+    outside, unit = (temperature < low) | (temperature > high), None
+    if low < temperature.min() - ZERO_K and temperature.max() - ZERO_K < high:
+        unit = "K"
+    elif not outside.any() and bottom > _HOT_DEGC and in_fahrenheit(float(top)) < _ROOM_DEGC:
+        high, outside, unit = _HOT_DEGC, temperature > _HOT_DEGC, "degF"
     if outside.any():
-        is_kelvin = low < temperature.min() - ZERO_K and temperature.max() - ZERO_K < high
         values = {"temperature_degc": temperature[np.argmax(outside)], "samples": outside.sum()}
-        values |= {"low_degc": low, "high_degc": high, "unit": "K" if is_kelvin else None}
+        values |= {"low_degc": low, "high_degc": high, "unit": unit}
         yield given.at(outside, "temperature.outside", **values)
-        return
-    low, high = np.quantile(temperature, _ENDS)
-    if low > _HOT_DEGC and in_fahrenheit(float(high)) < _ROOM_DEGC:
-        ends = {"low_degc": low, "high_degc": high}
-        within = {"low_f_degc": in_fahrenheit(low), "high_f_degc": in_fahrenheit(high)}
-        yield Notice("temperature.fahrenheit", {**ends, **within})
-        return
-    if high - low > _WIDE_DEGC:
-        yield Notice("temperature.varies", {"low_degc": low, "high_degc": high})
+    elif top - bottom > _WIDE_DEGC:
+        yield Notice("temperature.varies", {"low_degc": bottom, "high_degc": top})

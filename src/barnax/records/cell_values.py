@@ -148,10 +148,12 @@ def _has_points(column: pl.Series) -> bool:
     return column.dtype.is_float() and bool((column % 1 > 0).any())
 
 
-# Days, hours and minutes, or minutes alone.
+# Days, hours and minutes, or minutes alone; seconds with a comma, or a colon before milliseconds.
+_CLOCK = (
+    r"(?i)^\s*(?:(?:(\d+)\s*(?:d|days?)?[\s.,-]+)?(\d+):)?(\d+):(\d+(?:[.,:]\d*)?)\s*([ap]m)?\s*$"
+)
 _MINUTE_AND_SECOND = r"^[0-5]\d:[0-5]\d$"
-_MINUTES = re.compile(r"\s*(?:(?:(\d+)\s*(?:d|days?)?[\s.,-]+)?(\d+):)?(\d+)")
-_HALF_DAY_S, DAY_S, _HOUR_S = 43_200.0, 86_400.0, 3600.0
+DAY_S, _HOUR_S = 86_400.0, 3600.0
 # A clock that begins anew does so from so near to its end.
 _NEAR_END = 0.01
 
@@ -173,33 +175,21 @@ def _seconds(cells: pl.Series) -> Numbers:
 
 def _clock_s(text: pl.Series) -> Numbers:
     """Seconds of "1d 02:03:04.5", "144:02:18", "08:41:18 PM" or "05:30.0", NaN for what is none."""
-    text = text.rechunk()
-    first = next(iter(text.drop_nulls().head(1)), "")
-    if ":" not in first and not text.str.contains(":", literal=True).any():
-        return np.full(len(text), np.nan)
-    if first.strip().lower().endswith(("am", "pm")):
-        text = text.str.strip_chars_end().str.to_lowercase()
-        twelve_s = _clock_s(text.str.head(-2).str.strip_chars_end())
-        return twelve_s % _HALF_DAY_S + _HALF_DAY_S * text.str.ends_with("pm").to_numpy()
-    # As a rule the colons stand in one place, and to split at them takes several times as long.
-    at = first.rfind(":")
-    whole, seconds = text.str.head(at), text.str.slice(at + 1)
-    plain, by_days_s = seconds.cast(pl.Float64, strict=False), None
-    if plain.null_count() > text.null_count() or first.count(":") > 2:
-        hours, minutes, seconds = text.str.splitn(":", 3).struct.unnest().get_columns()
-        if seconds.str.contains(_MINUTE_AND_SECOND).all() and (seconds.str.tail(2) != "00").any():
-            by_days_s = _clock_s(text.str.replace(":", "d ", literal=True))
-        # A comma, or a colon before the milliseconds.
-        seconds = seconds.str.strip_chars().str.replace("[,:]", ".")
-        whole, plain = hours + ":" + minutes, seconds.cast(pl.Float64, strict=False)
-    clock_s = _by_word(whole, _minutes) * 60 + plain.to_numpy()
-    if by_days_s is not None and uneven(by_days_s, 0.1) < uneven(clock_s, 0.1):
-        # Days before the hours, rather than hundredths after the seconds.
-        return by_days_s
-    if ":" in first[:at]:
+    *parts, second, half = text.str.extract_groups(_CLOCK).struct.unnest().get_columns()
+    days, hours, minutes = (part.cast(pl.Float64).fill_null(0).to_numpy() for part in parts)
+    if half.count():
+        hours = hours % 12 + 12 * half.str.to_lowercase().eq_missing("pm").to_numpy()
+    seconds = second.str.replace("[,:]", ".").cast(pl.Float64, strict=False).to_numpy()
+    clock_s = ((24 * days + hours) * 60 + minutes) * 60 + seconds
+    if second.str.contains(_MINUTE_AND_SECOND).all() and (second.str.tail(2) != "00").any():
+        by_days_s = _clock_s(text.str.replace(":", "d ", literal=True))
+        if uneven(by_days_s, 0.1) < uneven(clock_s, 0.1):
+            # Days before the hours, rather than hundredths after the seconds.
+            return by_days_s
+    if parts[1].count():
         return clock_s
     # Minutes and seconds, as spreadsheets show them without their hours; or hours and minutes?
-    are_seconds = bool(seconds.str.contains(".", literal=True).any())
+    are_seconds = bool(second.str.contains(".", literal=True).any())
     return _past_the_end(clock_s, _HOUR_S) if are_seconds else np.full(len(text), np.nan)
 
 
@@ -216,14 +206,6 @@ def _past_the_end(clock_s: Numbers, period_s: float) -> Numbers:
         return clock_s
     begins = np.abs(np.diff(clock_s) + period_s) < _NEAR_END * period_s
     return clock_s + period_s * np.cumsum(np.append(False, begins))
-
-
-def _minutes(word: str) -> float:
-    match = _MINUTES.fullmatch(word)
-    if match is None:
-        return np.nan
-    days, hours, minutes = (float(part or 0) for part in match.groups())
-    return (24 * days + hours) * 60 + minutes
 
 
 def _by_word(text: pl.Series, meaning: Callable[[str], float]) -> Numbers:

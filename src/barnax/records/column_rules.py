@@ -19,10 +19,10 @@ from ..notices import Notice
 from .cell_values import CLOCKS, DAY_S, epoch_unit, is_clock, numbers
 from .columns import Column, Header, normal
 from .counters import cosine
-from .quantities import CELL_RANGE_V, NEEDED, QUANTITIES, QUANTITY_OF, Quantity
+from .quantities import NEEDED, QUANTITIES, QUANTITY_OF, Quantity
 from .samples import Samples
 from .source import Source
-from .table import FEWEST_CELLS, Table, notice_at
+from .table import FEWEST_CELLS, Table, is_of_cell, notice_at
 
 Columns = Mapping[str, Column]
 Channel = Float[np.ndarray, "samples"]
@@ -96,23 +96,29 @@ def examine_columns(table: Table, file: str) -> tuple[dict[str, Column], list[No
 
 
 def _missing_columns(table: Table, missing: Sequence[_Missing], is_nameless: bool) -> Notice:
-    """The error of required quantities without a column."""
-    code = "columns.missing"
-    values = _missing_one(missing[0]) if len(missing) == 1 else _missing_several(missing)
-    is_silent = all(one.quantity.name != "voltage" for one in missing)
-    cells = [] if is_silent else next(map(list, table.cell_voltages), [])
-    # Two may be one cell's, measured twice.
-    if len(cells) > FEWEST_CELLS:
-        code, values = "columns.pack", {"cells": _quoted(cells), "first": cells[0]}
-    if is_nameless:
-        code, values["case"] = "columns.missing", "no-names"
-        values["examples"] = ", ".join(_examples(one.quantity) for one in missing)
-    all_missing = {
+    """The error of required quantities without a column, with the option that names them."""
+    cells = next(map(list, table.cell_voltages), [])
+    values: dict[str, Any] = {
         "quantities": ", ".join(one.quantity.name for one in missing),
         "columns": _quoted(table.header.names),
         "count": len(missing),
     }
-    return Notice(code, {**all_missing, **values}, row=table.names_row)
+    # Two may be one cell's, measured twice.
+    if len(cells) > FEWEST_CELLS and "voltage" in values["quantities"] and not is_nameless:
+        values |= {"cells": _quoted(cells), "first": cells[0]}
+        return Notice("columns.pack", values, row=table.names_row)
+    quantity, likely, _ = missing[0]
+    is_out = ["discharge" in column.header.lower() for column in likely]
+    is_pair = quantity.name == "current" and len(likely) == 2 and sum(is_out) == 1
+    case = "no-names" if is_nameless else "pair" if is_pair and len(missing) == 1 else None
+    guesses = [(one.quantity.name, [column.header for column in one.likely]) for one in missing]
+    values |= {
+        "case": case,
+        "likely": "".join(f"; the {name} may be {_quoted(own)}" for name, own in guesses if own),
+        "option": ",".join(one.option for one in missing),
+        "names": ", ".join(f"'{one.quantity.examples[0]}'" for one in missing),
+    }
+    return Notice("columns.missing", values, row=table.names_row)
 
 
 def _is_nameless(table: Table, is_like: bool) -> bool:
@@ -230,32 +236,6 @@ def _no_record(header: Header) -> Notice:
     return Notice("columns.none", values)
 
 
-def _missing_one(missing: _Missing) -> dict[str, Any]:
-    """The values of the notice of one missing quantity."""
-    quantity, likely, guess = missing
-    names = f"{_examples(quantity)}, with its unit ({_symbols(quantity)})"
-    if guess is not None:
-        names = names if guess.quantity is quantity else f"'{guess.quantity.examples[-1]}'"
-        likely_one = {"likely": guess.header, "option": missing.option, "names": names}
-        return {"case": "likely", **likely_one}
-    is_out = ["discharge" in column.header.lower() for column in likely]
-    is_pair = quantity.name == "current" and len(likely) == 2 and any(is_out) and not all(is_out)
-    if not likely:
-        return {"names": names}
-    case = "pair" if is_pair else "several-likely"
-    return {"case": case, "likely": _quoted([one.header for one in likely]), "names": names}
-
-
-def _missing_several(missing: Sequence[_Missing]) -> dict[str, Any]:
-    """The values of the notice of several, with the one option that names them all."""
-    guesses = ((quantity.name, guess) for quantity, _, guess in missing)
-    likely = [f"'{guess.header}' is likely the {name}" for name, guess in guesses if guess]
-    option = ",".join(one.option for one in missing)
-    names = ", ".join(f"'{one.quantity.examples[0]}'" for one in missing)
-    also = "".join(f"; {text}" for text in likely)
-    return {"case": "several", "likely": also, "option": option, "names": names}
-
-
 def _examples(quantity: Quantity) -> str:
     return " or ".join(f"'{name}'" for name in quantity.examples[:2])
 
@@ -306,13 +286,18 @@ def examine_twins(source: Source, samples: Samples) -> Iterator[Notice]:
     if len(table.sheets) > 1:
         return
     yield from _electrode(source, samples)
-    for name, judge in (("voltage", _voltages), ("current", _currents)):
+    for name, judge in (("voltage", _apart_voltages), ("current", _apart_currents)):
         if name in table.header.given or (name == "voltage" and source.series > 1):
             continue
+        used = samples.values[name]
         for column in _others(table.header, name, samples.columns[name]):
-            values = numbers(table.columns[column.index], column)[samples.at]
-            if np.isfinite(values).all() and np.ptp(values) > 0:
-                yield from judge(samples, samples.values[name], values, column.header)
+            other = numbers(table.columns[column.index], column)[samples.at]
+            if not np.isfinite(other).all() or not np.ptp(other):
+                continue
+            if apart := judge(samples, used, other, column.header):
+                both = {"own": samples.header(name), "other": column.header, "quantity": name}
+                at = int(np.argmax(np.abs(other - used)))
+                yield notice_at(samples, at, "twin-columns.differ", **both, **apart)
 
 
 def _electrode(source: Source, samples: Samples) -> Iterator[Notice]:
@@ -342,34 +327,30 @@ def _others(header: Header, quantity: str, used: Column) -> Iterator[Column]:
             yield replace(column, index=index)
 
 
-def _voltages(samples: Samples, used: Channel, other: Channel, name: str) -> Iterator[Notice]:
-    """A voltage that differs by the current times a resistance, or otherwise."""
-    if not CELL_RANGE_V[0] < np.median(other) < CELL_RANGE_V[1]:
-        return
+def _apart_voltages(
+    samples: Samples, used: Channel, other: Channel, name: str
+) -> dict[str, str | float]:
+    """How a voltage differs: by the current times a resistance, or otherwise."""
+    if not is_of_cell(other):
+        return {}
     apart_v = other - used
-    at = int(np.argmax(np.abs(apart_v)))
     current_a = samples.current_a - samples.current_a.mean()
     slope = float(current_a @ apart_v / max(current_a @ current_a, _TINY))
     swing_v = abs(slope) * float(np.ptp(current_a))
     left_v = apart_v - apart_v.mean() - slope * current_a
-    both = {"own": samples.header("voltage"), "other": name, "quantity": "voltage"}
     if swing_v > _SWING_V and left_v.var() < (1 - _BY_LEADS) * apart_v.var():
-        drop = {"by": "leads", "leads_ohm": abs(slope), "apart_v": swing_v}
-        yield notice_at(samples, at, "twin-columns.differ", **both, **drop)
-        return
+        return {"by": "leads", "leads_ohm": abs(slope), "apart_v": swing_v}
     usual_v = float(np.median(np.abs(apart_v)))
     if usual_v <= _SAME_V:
-        return
+        return {}
     if samples.dialect.name in _ANYBODYS and "voltage" in Header((name,)).find(QUANTITIES):
-        yield notice_at(samples, at, "twin-columns.undecided", **both, apart_v=usual_v)
-    elif usual_v < _OTHER_V and cosine(used - used.mean(), other - other.mean()) > _ALIKE:
-        yield notice_at(samples, at, "twin-columns.differ", **both, by="volts", apart_v=usual_v)
+        return {"by": "undecided", "apart_v": usual_v}
+    is_alike = cosine(used - used.mean(), other - other.mean()) > _ALIKE
+    return {"by": "volts", "apart_v": usual_v} if usual_v < _OTHER_V and is_alike else {}
 
 
-def _currents(samples: Samples, used: Channel, other: Channel, name: str) -> Iterator[Notice]:
-    """A current that is another by a factor."""
+def _apart_currents(_: Samples, used: Channel, other: Channel, name: str) -> dict[str, str | float]:
+    """The factor by which a current is another."""
     ratio = float(used @ other) / max(float(used @ used), _TINY)
-    if abs(cosine(used, other)) > _PROPORTIONAL and abs(ratio - 1) > _EQUAL:
-        both = {"own": samples.header("current"), "other": name, "quantity": "current"}
-        at = int(np.argmax(np.abs(used)))
-        yield notice_at(samples, at, "twin-columns.differ", **both, by="factor", ratio=ratio)
+    is_apart = abs(cosine(used, other)) > _PROPORTIONAL and abs(ratio - 1) > _EQUAL
+    return {"by": "factor", "ratio": ratio} if is_apart else {}

@@ -111,7 +111,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "date",
         _SECONDS,
         "date time|datetime|unix time|time stamp|timestamp|date and time|date",
-        ("Unix Time / s", "Date Time"),
+        ("Date Time", "Unix Time / s"),
     ),
     Quantity(
         "current",

@@ -103,8 +103,7 @@ class Samples(Lines):
             return Notice("length.short", {"samples": len(self), "needed": _FEWEST_SAMPLES})
         span_s = np.ptp(self.time_s)
         if self.length_s < _SHORTEST_S > span_s:
-            values = {"length_s": span_s, "column": self.header("time")}
-            return Notice("length.no-time", values)
+            return Notice("length.short", {"length_s": span_s, "column": self.header("time")})
         return None
 
     @cached_property

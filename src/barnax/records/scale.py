@@ -15,8 +15,8 @@ from jaxtyping import Float
 
 from ..notices import Notice, Severity
 from .cell_values import DAY_S, is_clock
-from .columns import NAMES, Column
-from .quantities import CELL_RANGE_V, NEEDED, QUANTITY_OF
+from .columns import Column
+from .quantities import CELL_RANGE_V, QUANTITY_OF
 from .samples import COUNTERS, Samples
 from .table import notice_at
 from .witnesses import CERTAIN, CHARGE, LEAST_A, Reading, Witness, witnesses_of
@@ -34,7 +34,7 @@ def examine_scale(samples: Samples, capacity_ah: float | None = None) -> Samples
     they leave several, the user is asked. `capacity_ah` is a witness too.
     """
     if samples.peak_a < LEAST_A:
-        samples = samples.telling(0, "current-unit.zero", column=samples.header("current"))
+        samples = samples.telling(0, "unit.zero", column=samples.header("current"))
     asked = None
     # One unit is the odd one out, and behind it may be another.
     for _ in range(2):
@@ -61,23 +61,27 @@ _LONG_S, _SHORT_S, _SWUNG_V, _RATE, _COIN_OHM = 50 * DAY_S, 2500.0, 0.6, 1 / 300
 
 def _with_unusual(samples: Samples) -> Samples:
     """The samples, with notes of units in no doubt that make an unusual record all the same."""
-    said = {finding.code.partition(".")[0] for finding in samples.findings}
+    said = {one.values["quantity"] for one in samples.findings if one.code == "unit.reading"}
     time, current = samples.columns["time"], samples.columns["current"]
     span_ah, ohm, length_s = samples.span_ah, abs(samples.answered_ohm), samples.length_s
     is_slow = length_s > _LONG_S or samples.peak_a < _RATE * span_ah
     is_fast = length_s < _SHORT_S and samples.bulk_time[1] > _SWUNG_V
     is_named = is_clock(samples.table.columns[time.index]) or samples.table.has_fixed_units
     is_named |= time.quantity.name == "date" or time.is_unit_given
-    if (is_slow or is_fast) and not is_named and "time-unit" not in said:
-        values = {"unit": time.unit.symbol, "length_h": length_s / 3600}
-        values |= {"column": time.header, "rate": samples.peak_a / max(span_ah, LEAST_A)}
-        samples = samples.telling(0, "time-unit.unusual", **values)
+    if (is_slow or is_fast) and not is_named and "time" not in said:
+        rate = samples.peak_a / max(span_ah, LEAST_A)
+        samples = _with_unusual_unit(samples, "time", length_h=length_s / 3600, rate=rate)
     is_small = current.unit.factor < 1 and ohm > _COIN_OHM and not samples.counters.written
-    if is_small and not current.is_unit_given and "current-unit" not in said:
-        values = {"unit": current.unit.symbol, "peak_a": samples.peak_a, "ohm": ohm}
-        values |= {"column": current.header, "span_ah": span_ah}
-        samples = samples.telling(0, "current-unit.unusual", **values)
+    if is_small and not current.is_unit_given and "current" not in said:
+        cell = {"peak_a": samples.peak_a, "ohm": ohm, "span_ah": span_ah}
+        samples = _with_unusual_unit(samples, "current", **cell)
     return samples
+
+
+def _with_unusual_unit(samples: Samples, quantity: str, **values: float) -> Samples:
+    column = samples.columns[quantity]
+    unit = {"quantity": quantity, "column": column.header, "unit": column.unit.symbol}
+    return samples.telling(0, "columns.unit-unusual", **unit, **values)
 
 
 def _best(samples: Samples, witnesses: Sequence[Witness]) -> list[Reading]:
@@ -123,16 +127,10 @@ def _readings(samples: Samples) -> Iterator[Reading]:
         yield Reading(CHARGE, names, unit, unit.factor, unit.words)
 
 
-_CODES = {"time": "time-unit.reading", "current": "current-unit.reading"}
-# What asks for the unit of a column, or takes one.
-_UNITS_ASKED = (*_CODES.values(), "voltage-unit.milli")
-
-
 def _settled(samples: Samples, best: list[Reading]) -> Samples:
     """The samples in the unit that is told, and the notice of it."""
     reading, kind = best[0], best[0].quantity
     column = samples.columns[reading.names[0]]
-    code = _CODES.get(kind, "charge-unit.reading")
     is_free = column.is_unit_assumed and kind != "current"
     symbol = reading.unit.symbol if reading.unit else ""
     values = {
@@ -150,18 +148,19 @@ def _settled(samples: Samples, best: list[Reading]) -> Samples:
     if len(best) > 1 or (reading.weight < CERTAIN and is_free and kind == "time"):
         as_it_is = Reading(kind, reading.names, column.unit, 1.0)
         values["choices"] = " or ".join(_choices(samples, (as_it_is, *best)))
-        return samples.telling(at, code, **values, case="asked" if is_free else "open")
+        return samples.telling(at, "unit.reading", **values, case="asked" if is_free else "open")
     # Where nothing but the counters is in another unit, the current tells which.
     if reading.weight < CERTAIN and kind != CHARGE:
-        return samples.telling(at, code, **values, case="doubtful")
+        return samples.telling(at, "unit.reading", **values, case="doubtful")
     mended = samples.having(**{n: samples.values[n] * reading.factor for n in reading.names})
     if reading.unit is None or (kind != CHARGE and not is_free):
-        return mended.telling(at, code, **values, case="wrong")
+        return mended.telling(at, "unit.reading", **values, case="wrong")
     columns = dict(samples.columns)
     for name in reading.names:
         columns[name] = replace(columns[name], unit=reading.unit, is_unit_assumed=False)
     mended = replace(mended, columns=columns)
-    return mended.telling(at, code, **values, case="taken")
+    case = "counted" if kind == CHARGE else "taken"
+    return mended.telling(at, "unit.reading", **values, case=case)
 
 
 def _choices(samples: Samples, readings: Sequence[Reading]) -> Iterator[str]:
@@ -213,21 +212,22 @@ def examine_voltage_unit(samples: Samples) -> Samples:
     if middle_v > _MILLIVOLT_V and not is_given:
         # Beside a current in milliamperes, that is how the tester was set.
         is_one = middle_v < 1e3 * _MODULE_V
-        is_milli = samples.columns["current"].unit.symbol == "mA" and is_one
+        is_set = samples.columns["current"].unit.symbol == "mA" and is_one
         rename = samples.columns["voltage"].quantity.name_in("mV")
-        unit = {"quantity": "voltage", "unit": "mV", "rename": rename}
-        if is_milli:
-            unit |= {"current": samples.header("current")}
-            samples = mended("voltage-unit.converted", 1e-3, **unit)
-        else:
-            samples = mended("voltage-unit.milli", 1e-3, several=None if is_one else "true", **unit)
+        naming = {"quantity": "voltage", "unit": "mV", "rename": rename}
+        naming |= {
+            "case": "converted" if is_set else "milli",
+            "several": None if is_one else "true",
+        }
+        current = samples.header("current") if is_set else None
+        samples = mended("voltage-unit.scaled", 1e-3, current=current, **naming)
     elif middle_v > _MODULE_V:
         cells = max(2, round(middle_v / _NOMINAL_V))
         samples = mended("voltage-unit.pack", 1 / cells, series=cells)
     elif 0 < middle_v < _KILOVOLT_V and 1e3 * middle_v < CELL_RANGE_V[0]:
         samples = mended("voltage-unit.open", 1.0)
     elif 0 < middle_v < _KILOVOLT_V and not is_given:
-        samples = mended("voltage-unit.kilo", 1e3)
+        samples = mended("voltage-unit.scaled", 1e3, case="kilo")
     elif (moved_v := float(np.ptp(voltage_v))) <= STILL_V:
         samples = mended("voltage-unit.constant", 1.0, moved_v=moved_v or None)
     return samples
@@ -298,25 +298,27 @@ def ask_once(findings: Sequence[Notice], columns: Mapping[str, Column]) -> list[
     """The findings, with one error that asks for all units that are missing, where one is asked for
     and that of another column is in doubt too; beside bare millivolts all are."""
     bare = {column.header for column in columns.values() if column.is_unit_assumed}
-    asked = [one for one in findings if one.code in _UNITS_ASKED and one.values["column"] in bare]
+    asked = [one for one in findings if _asks(one) and one.values["column"] in bare]
     errors = [one for one in asked if one.severity == "error"]
-    open_too = [one for one in findings if one.code == "columns.units-open"]
+    open_too = [one for one in findings if one.code == "columns.units"]
     doubts = {one.values["column"] for one in asked}
-    is_milli = any(one.code == "voltage-unit.milli" for one in errors) and len(bare) > 1
+    is_milli = any(one.code == "voltage-unit.scaled" for one in errors) and len(bare) > 1
     if not errors or not (is_milli or open_too or len(doubts) > 1):
         return [*findings]
     others = [one for one in findings if one not in (*asked, *open_too)]
     return [bare_units(columns, errors[0].what).rated("error"), *others]
 
 
+def _asks(finding: Notice) -> bool:
+    """True for what asks for the unit of a column, or takes one."""
+    case = finding.values.get("case")
+    return case == "milli" or (finding.code == "unit.reading" and case != "counted")
+
+
 def describe_units(columns: Mapping[str, Column]) -> Iterator[Notice]:
     """Notes of the units that were assumed, and of those that were converted."""
-    bare = [column for column in columns.values() if column.is_unit_assumed]
-    if bare:
-        units = [f"{column.unit.symbol} for '{column.header.strip()}'" for column in bare]
-        needed = [column for column in bare if column.quantity.name in NEEDED] or bare
-        names = ", ".join(f"'{column.quantity.examples[0]}'" for column in needed)
-        yield Notice("columns.units-assumed", {"units": ", ".join(units), "names": names})
+    if any(column.is_unit_assumed for column in columns.values()):
+        yield bare_units(columns)
     converted = [
         f"'{column.header}' from {column.unit.symbol} to {column.quantity.base_unit.symbol}"
         for column in columns.values()
@@ -326,10 +328,9 @@ def describe_units(columns: Mapping[str, Column]) -> Iterator[Notice]:
         yield Notice("columns.converted", {"columns": ", ".join(converted)})
 
 
-def bare_units(columns: Mapping[str, Column], reason: str) -> Notice:
-    """A warning that names all columns without a unit, with the one option that settles them."""
-    judged = (name for name in NAMES if name in NEEDED or name.endswith("capacity"))
-    bare = [columns[name] for name in judged if name in columns and columns[name].is_unit_assumed]
-    units = ", ".join(f"{column.unit.symbol} for '{column.header}'" for column in bare)
-    option = ",".join(f"{column.quantity.name}={column.header}:UNIT" for column in bare)
-    return Notice("columns.units-open", {"units": units, "reason": reason, "option": option})
+def bare_units(columns: Mapping[str, Column], reason: str | None = None) -> Notice:
+    """All columns without a unit, with the option that settles them; a warning for a reason."""
+    bare = {name: column for name, column in columns.items() if column.is_unit_assumed}
+    units = ", ".join(f"{one.unit.symbol} for '{one.header.strip()}'" for one in bare.values())
+    option = ",".join(f"{name}={column.header}:UNIT" for name, column in bare.items())
+    return Notice("columns.units", {"units": units, "reason": reason, "option": option})

@@ -101,8 +101,6 @@ def _doubts(samples: Samples, sign: Decision) -> list[Notice]:
     elif samples.dialect.is_make and sign.value != promised:
         code = "sign.unusual"
         values |= {"dialect": samples.dialect.name, "promised": promised}
-    elif sign.value == DISCHARGE and not samples.dialect.is_make:
-        code = "sign.discharge-positive"
     else:
         return []
     at, _ = step_votes(samples)

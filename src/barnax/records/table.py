@@ -112,7 +112,7 @@ class Table:
         least two within what a cell has: a sensor that has failed is one of its kind."""
         alike = self.header.numbered_voltages
         sets = [{name: self.in_volts(name) for name in names} for names in alike]
-        return [one for one in sets if sum(map(_is_of_cell, one.values())) >= FEWEST_CELLS]
+        return [one for one in sets if sum(map(is_of_cell, one.values())) >= FEWEST_CELLS]
 
     def in_volts(self, name: str) -> Float[np.ndarray, "lines"]:
         """The voltages of a column, in V or mV by their size where its name has no unit."""
@@ -125,7 +125,7 @@ class Table:
         return values_v
 
 
-def _is_of_cell(values_v: Float[np.ndarray, "lines"]) -> bool:
+def is_of_cell(values_v: Float[np.ndarray, "lines"]) -> bool:
     """True if the usual voltage of a column is one that a cell has."""
     finite_v = values_v[np.isfinite(values_v)]
     return bool(len(finite_v) and CELL_RANGE_V[0] < np.median(finite_v) < CELL_RANGE_V[1])
@@ -272,7 +272,7 @@ def examine_cells(lines: Lines) -> Lines:
     if (impedance := _impedance_rows(lines)).any():
         word = lines.cell("state", int(np.argmax(impedance))) if "state" in lines.columns else None
         given = {"rows": impedance.sum(), "state": word or None}
-        lines = lines.telling(impedance, "cells.impedance", **given)
+        lines = lines.telling(impedance, "columns.left-out", part="impedance", **given)
         is_good &= ~impedance
     is_zero = is_good & (lines.values.get("voltage", 1) == 0)
     if lines.table.header.dialect.writes_zero_volts and is_zero.any():

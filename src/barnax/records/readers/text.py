@@ -6,11 +6,11 @@ layer, as Neware's reports have for cycles and steps, are left out. Polars reads
 
 import contextlib
 import csv
-import itertools
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -32,8 +32,8 @@ _BLANK = " "  # Cells in columns, as printed for the eye.
 _LONGEST_HEADER = 20_000
 # What Polars guesses the types of columns from.
 _GUESSED_LINES = 1000
-# So many lines tell whether numbers are cut in two, at a whole number before the comma.
-_SPLIT_LINES, _WHOLE, _DECIMALS = 200, r"([+-]?|.*:)\d+", r"\d+([eE][+-]?\d+)?"
+# So many lines tell whether numbers are cut in two.
+_SPLIT_LINES = 200
 _WORD = "[A-Za-z]{3}"
 
 
@@ -47,29 +47,21 @@ def _cells(line: str, delimiter: str) -> list[str]:
         return []
 
 
-@dataclass(frozen=True)
-class _Layout:
-    """The names, the number of lines above them, and the delimiter of the cells."""
-
-    above: int
-    header: Header
-    delimiter: str
-
-
 def _read(content: bytes, given: Mapping[str, str]) -> Table:
     content = as_utf8(content)
     # The row in the file is kept, so blank lines above the names count.
     lines = head_lines(content)
-    layout = _layout(lines, given)
-    lead = layout.above + 1
-    content, breaks = _without_repeats(content, layout.above)
+    above, names, delimiter = _layout(lines, given)
+    lead = above + 1
+    content, breaks = _without_repeats(content, above)
     # Of blank lines below the names the first that is not may hold the units.
     blank = next((k for k, line in enumerate(lines[lead:]) if line.strip()), 0)
     below = "".join(lines[lead + blank : lead + blank + 1])
-    header = layout.header.with_units(_cells(below, layout.delimiter))
-    _refuse_split_numbers(lines[lead:], layout, header.columns)
-    lead += blank + 1 if header is not layout.header else 0
-    delimiter, above = layout.delimiter, lead
+    header = names.with_units(_cells(below, delimiter))
+    _refuse_decimal_commas(lines[lead:], above, len(header.names), delimiter)
+    notes = [_left_out(part="above", names_row=above + 1)] if above else []
+    lead += blank + 1 if header is not names else 0
+    above = lead
     if delimiter == _BLANK:
         content = re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", content[_offset(content, lead) :])
         # A date and its time are one cell.
@@ -82,13 +74,15 @@ def _read(content: bytes, given: Mapping[str, str]) -> Table:
     row = np.arange(lead + 1, lead + 1 + len(columns[0]))
     for begin, dropped in reversed(breaks):
         row[row >= begin] += dropped
-    above = {"part": "above", "names_row": layout.above + 1}
-    notes = [Notice("columns.left-out", above)] if layout.above else []
     if breaks:
         again = ", ".join(str(begin + dropped) for begin, dropped in breaks[:5])
-        notes.append(Notice("columns.names-again", {"rows": again}))
+        notes.append(_left_out(part="names", rows=again))
     table = Table(header, tuple(columns), row, notes=tuple(notes))
     return _without_headings(_within_the_names(_records_of_layers(table)))
+
+
+def _left_out(**values: Any) -> Notice:
+    return Notice("columns.left-out", values)
 
 
 def _within_the_names(table: Table) -> Table:
@@ -115,8 +109,7 @@ def _within_the_names(table: Table) -> Table:
     where, names = f"row {table.row[wide[0]]}", len(header.names)
     if len(wide) > 0.5 * len(table.row):
         if _fits(named, columns) and not _fits(named, [*columns[1:], beyond]):
-            note = Notice("columns.left-out", {"part": "cells", "names": names})
-            return replace(table, notes=(*table.notes, note))
+            return replace(table, notes=(*table.notes, _left_out(part="cells", names=names)))
         raise InputError(
             f"{where}: the rows have more cells than the {names} names in row {table.names_row}, "
             "and it is not clear which cell has no name; add the missing name there."
@@ -142,8 +135,9 @@ def _fits(named: Mapping[str, Column], columns: Sequence[pl.Series]) -> bool:
     return is_cell and bool(np.isfinite(time).all() and rises.sum() > 0.5 * len(rises))
 
 
-def _layout(lines: list[str], given: Mapping[str, str]) -> _Layout:
-    """The first line that names a record or an OCV table, else the first that is not blank.
+def _layout(lines: list[str], given: Mapping[str, str]) -> tuple[int, Header, str]:
+    """The number of lines above the names, these, and the delimiter: of the first line that names a
+    record or an OCV table, else the first that is not blank.
 
     Some testers write what was tested, by whom and when above their table.
     """
@@ -154,20 +148,19 @@ def _layout(lines: list[str], given: Mapping[str, str]) -> _Layout:
         if is_of_numbers or len(line) > _LONGEST_HEADER or not line.strip():
             continue
         delimiter, header = _names(line, given)
-        layout = _Layout(above, header, delimiter)
         if header.is_record or header.is_ocv_table:
-            return layout
+            return above, header, delimiter
         # The names of a record may stand further below.
         named = len(NEEDED) if header.other_table else len(header.columns.keys() & NEEDED)
         if fallback is None or named > most:
-            fallback, most = layout, max(named, most)
+            fallback, most = (above, header, delimiter), max(named, most)
     first = next((line for line in lines if line.strip()), "")
     if not first.replace("\t", "").isprintable():
         raise InputError(
             "the first line is not text, so this is not a table of samples, whatever the "
             "file's suffix; export the record as CSV, Parquet or a workbook."
         )
-    if fallback is None or not fallback.header.names:
+    if fallback is None or not fallback[1].names:
         raise InputError(
             f"a cell of the first line has {len(first)} letters, so this is not a table of "
             "samples; export the record as plain CSV."
@@ -218,43 +211,17 @@ def _without_repeats(content: bytes, above: int) -> tuple[bytes, list[tuple[int,
     return content, breaks
 
 
-def _refuse_split_numbers(lines: list[str], layout: _Layout, named: Mapping[str, Column]) -> None:
-    """Raise InputError where commas between cells cut numbers with decimal commas in two.
-
-    The cells are more than the names, and fit them where some of them are joined.
-    """
-    header = layout.header.names
-    rows = [_cells(line.rstrip(", "), ",") for line in lines[:_SPLIT_LINES] if line.strip(", ")]
-    width = max(map(len, rows), default=0)
-    rows = [row for row in rows if len(row) == width]
-    more = width - len(header)
-    if layout.delimiter != "," or not 0 < more <= len(header):
-        return
-    if "voltage" not in named or _fits(named, _series([row[more:] for row in rows])):
-        return
-    cut = [
-        k
-        for k in range(width - 1)
-        if all(re.fullmatch(_WHOLE, row[k]) and re.fullmatch(_DECIMALS, row[k + 1]) for row in rows)
-    ]
-    for chosen in itertools.combinations(cut, more):
-        if np.any(np.diff(chosen) == 1):
-            continue
-        joined = [
-            "".join(cell + ("." if k in chosen else ",") for k, cell in enumerate(row)).split(",")
-            for row in rows
-        ]
-        if _fits(named, _series(joined)):
-            whole, decimals = rows[0][chosen[-1]], rows[0][chosen[-1] + 1]
-            raise InputError(
-                f"row {layout.above + 2}: the rows have more cells than the {len(header)} "
-                f"names: commas separate cells and also decimals, as in '{whole},{decimals}'; "
-                "export it with semicolons, or with decimal points."
-            )
-
-
-def _series(rows: list[list[str]]) -> list[pl.Series]:
-    return [pl.Series(column) for column in zip(*rows, strict=False)]
+def _refuse_decimal_commas(lines: Sequence[str], above: int, names: int, delimiter: str) -> None:
+    """Raise InputError where commas between cells cut numbers with decimal commas in two: there are
+    more numbers than names, and none has a point."""
+    lines = [line for line in lines[:_SPLIT_LINES] if line.strip(", ")]
+    beyond = [cell for line in lines for cell in _cells(line.rstrip(", "), ",")[names:]]
+    are_whole = beyond and all(re.fullmatch(r"\d+([eE][+-]?\d+)?", cell) for cell in beyond)
+    if delimiter == "," and are_whole and not any(re.search(r"\d\.\d", line) for line in lines):
+        raise InputError(
+            f"row {above + 2}: the rows have more cells than the {names} names: commas separate "
+            "cells and also decimals; export it with semicolons, or with decimal points."
+        )
 
 
 def _columns(text: bytes, above: int, header: Sequence[str], delimiter: str) -> list[pl.Series]:
@@ -300,9 +267,8 @@ def _columns(text: bytes, above: int, header: Sequence[str], delimiter: str) -> 
 def _kept(table: Table, is_left_out: Bool[np.ndarray, "lines"], part: str) -> Table:
     """The table without some lines, and a note of them."""
     kept = pl.Series(~is_left_out)
-    note = Notice("columns.left-out", {"part": part, "rows": is_left_out.sum()})
     columns = tuple(column.filter(kept) for column in table.columns)
-    notes = (*table.notes, note)
+    notes = (*table.notes, _left_out(part=part, rows=is_left_out.sum()))
     return replace(table, columns=columns, row=table.row[~is_left_out], notes=notes)
 
 

@@ -4,7 +4,9 @@ import numpy as np
 import polars as pl
 import pytest
 
-from helpers.records import CURRENT, VOLTAGE, checked, counting, found, frame
+from barnax.errors import InputError
+from barnax.records import record_from_frame
+from helpers.records import CURRENT, VOLTAGE, checked, counting, found, frame, pulse_frame, told
 
 
 @pytest.mark.parametrize("name", ["Sense Voltage / V", "Aux_Voltage_1(V)"])
@@ -35,5 +37,26 @@ def test_other_columns_are_no_twins(tmp_path):
         pl.Series("Voltage noise / V", rng.normal(3.7, 1e-3, frame().height)),
         pl.lit(4.2).alias("Voltage limit / V"),
         pl.col(CURRENT).sign().alias("Current direction"),
+        (pl.col(VOLTAGE) * 96).alias("Pack Voltage / V"),
+        (pl.col(VOLTAGE) * 1.02).alias("Set Voltage / V"),
+        (pl.col(VOLTAGE) + 0.001).alias("Cell Voltage 2 / V"),
     )
     assert counting(checked(tmp_path, table)) == {}
+
+
+@pytest.mark.parametrize("apart_v", [0.03, -1.0])
+def test_two_voltages_that_differ_are_to_be_chosen_from(apart_v):
+    other = (pl.col(VOLTAGE) + apart_v).alias("Cell Voltage / V")
+    table = pulse_frame().with_columns(other).rename({VOLTAGE: "voltage"})
+    with pytest.raises(InputError, match=r"'Cell Voltage / V' and 'voltage' differ by .* mV, and"):
+        record_from_frame(table)
+    for name, extra_v in (("voltage", 0.0), ("Cell Voltage / V", apart_v)):
+        record = record_from_frame(table, columns={"voltage": name})
+        np.testing.assert_allclose(record.voltage_v, table["voltage"].to_numpy() + extra_v)
+
+
+def test_a_second_voltage_beside_the_one_that_a_tester_names_is_told_where_it_reads_alike():
+    aux = (pl.col(VOLTAGE) + 0.03).alias("Aux_Voltage_1(V)")
+    table = pulse_frame().with_columns(aux, pl.lit(1).alias("Step_Index"))
+    table.columns = ["Test_Time(s)", "Current(A)", "Voltage(V)", *table.columns[3:]]
+    assert "'Aux_Voltage_1(V)' differ by 30 mV" in " ".join(told(record_from_frame(table)))

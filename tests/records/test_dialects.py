@@ -1,11 +1,8 @@
 """Every make's dialect gives the record that was written, from small files of our own."""
 
-import datetime
 import gzip
-import io
 import os
 import threading
-import zipfile
 
 import numpy as np
 import polars as pl
@@ -18,7 +15,7 @@ from barnax.records.columns import Header, read_columns
 from barnax.records.dialects import DIALECTS
 from barnax.records.readers import read_table
 from helpers.dialects import WRITERS, maccor_text, neware_csv, novonix_csv, pulse_table
-from helpers.records import CURRENT, TIME, VOLTAGE, read, workbook
+from helpers.records import CURRENT, TIME, VOLTAGE, read, refusal, told, workbook, zipped
 
 TABLE = pulse_table()
 ROWS = TABLE.select(TIME, CURRENT, VOLTAGE).rows()
@@ -84,12 +81,6 @@ def test_names_of_other_programs_and_languages_are_known(header):
     assert (clock.unit.factor, found["current"].unit.factor) == (second, ampere)
 
 
-def test_a_sensor_that_is_not_there_is_left_out():
-    record = record_from_frame(TABLE.with_columns(pl.lit(-9999.0).alias("Temperature / degC")))
-    assert record.temperature_degc is None
-    assert "the column is left out" in " ".join(map(str, record.notes))
-
-
 def test_two_files_joined_are_told_by_their_names(tmp_path):
     content = novonix_csv(TABLE)
     with pytest.raises(InputError, match=r"row 319: .*clock starts again .*split joined tests"):
@@ -97,21 +88,6 @@ def test_two_files_joined_are_told_by_their_names(tmp_path):
     table = read_table(content + content, "cell")
     assert table.row[299:301].tolist() == [309, 309 + 10]
     assert "names" in {note.values["part"] for note in table.notes}
-
-
-def test_states_and_counters_of_a_step_are_read(tmp_path):
-    record = read(tmp_path, maccor_text(TABLE))
-    np.testing.assert_array_equal(record.state, np.sign(record.current_a))
-    flowed_ah = np.concatenate([[0], np.cumsum(record.current_a[1:])]) / 3600
-    np.testing.assert_allclose(record.charge_ah, flowed_ah, atol=1e-12)
-
-
-def test_a_clock_of_the_steps_is_joined_with_a_warning():
-    table = TABLE.with_columns(pl.Series("Step Index / 1", np.arange(300) // 50))
-    steps = np.arange(300) % 50 + (np.arange(300) >= 50)
-    record = record_from_frame(table.with_columns(pl.Series(TIME, steps)))
-    require_the_record(record)
-    assert "starts again with each step (5 times)" in " ".join(map(str, record.warnings))
 
 
 def test_both_sides_of_a_step_are_kept_under_one_stamp():
@@ -122,31 +98,6 @@ def test_both_sides_of_a_step_are_kept_under_one_stamp():
     assert record.samples == 300
     np.testing.assert_allclose(record.time_s, time, rtol=0, atol=1e-3)
     np.testing.assert_allclose(record.current_a, -TABLE[CURRENT].to_numpy())
-
-
-UNITS = [("min", "minutes", 60), ("h", "hours", 3600), ("ms", "milliseconds", 1e-3)]
-
-
-@pytest.mark.parametrize(("symbol", "words", "factor"), UNITS)
-def test_dates_beside_a_clock_name_its_unit(symbol, words, factor):
-    time = np.arange(300) * 30.0
-    dates = pl.Series(time).cast(pl.Int64) * 1000
-    table = {
-        "Time": time / factor,
-        CURRENT: TABLE[CURRENT],
-        VOLTAGE: TABLE[VOLTAGE],
-        "Date Time": dates.cast(pl.Datetime("ms")).dt.strftime("%m/%d/%Y %H:%M:%S"),
-    }
-    record = record_from_frame(table)
-    np.testing.assert_allclose(record.time_s, time)
-    (warning,) = [one for one in record.warnings if one.code == "unit.reading"]
-    assert f"is taken in {words}" in str(warning)
-    assert f"intervals by 'Date Time' are {factor:g} times as long" in str(warning)
-    table["Time / s"] = table.pop("Time")
-    with pytest.raises(InputError, match=f"'Time / s' looks like {words}"):
-        record_from_frame(table)
-    record = record_from_frame(table, columns=f"time=Time / s:{symbol}")
-    np.testing.assert_allclose(record.time_s, time)
 
 
 GIVEN = {"time": "Zeit:min", "current": "I2, gemessen:mA", "voltage": "Klemme [V]"}
@@ -166,12 +117,6 @@ def test_columns_are_the_way_out_for_what_nobody_knows(tmp_path, given):
     require_the_record(read(tmp_path, above + table.write_csv().encode(), columns=given))
     require_the_record(record_from_frame(table, columns=given))
     assert check_file(tmp_path / "cell.csv", columns=given).facts.samples == 300
-
-
-def test_columns_that_a_file_lacks_are_warned_of():
-    record = record_from_frame(TABLE, columns={"current": "Strom"})
-    assert "no column is called 'Strom'" in " ".join(map(str, record.warnings))
-    require_the_record(record)
 
 
 @pytest.mark.parametrize("given", ["strom=I", "nonsense", "time=", {"colour": "red"}])
@@ -252,32 +197,91 @@ def test_an_export_of_another_program_is_read(tmp_path, name):
     require_the_record(read(tmp_path, exported(name).encode()))
 
 
-# What a text may be wrapped or coded in.
-WRAPPED = {
-    "the encoding of Chinese computers": exported("Chinese").encode("gb18030"),
-    "line ends of Windows": maccor_text(TABLE).replace(b"\n", b"\r\n"),
-    "gzip": gzip.compress(maccor_text(TABLE)),
+# Time, current, voltage and state, and its words for discharge, charge and rest.
+JAPANESE = ("経過時間[s]", "電流(A)", "電圧［V］", "状態", "放電", "充電", "休止")
+ENCODED = {
+    "euc_jp": JAPANESE,
+    "shift_jis": JAPANESE,
+    "utf-16-le": JAPANESE,
+    "utf-16-be": ("Zeit", "Strom", "Spannung", "Modus", "Entladevorgang", "Ladevorgang", "Ruhe"),
+    "cp949": ("시간(s)", "전류(A)", "전압(V)", "상태", "방전", "충전", "휴지"),
+    "gb18030": ("时间(s)", "电流(A)", "电压(V)", "状态", "放电", "充电", "静置"),
+    "big5": ("測試時間(s)", "電流(A)", "電壓(V)", "狀態", "放電", "充電", "靜置"),
+    "latin-1": ("Zeit[s]", "Strom[A]", "Spannung[V]", "Zustand", "Entladung", "Ladung", "Ruhe"),
 }
 
 
-@pytest.mark.parametrize("content", WRAPPED.values(), ids=WRAPPED)
-def test_a_text_is_read_however_it_is_wrapped(tmp_path, content):
-    require_the_record(read(tmp_path, content))
+@pytest.mark.parametrize("encoding", ENCODED)
+def test_a_text_of_another_encoding_says_the_same(tmp_path, encoding):
+    *names, state, discharge, charge, rest = ENCODED[encoding]
+    word = {1: charge, -1: discharge, 0: rest}
+    words = [word[sign] for sign in np.sign(TABLE[CURRENT].to_numpy()).astype(int).tolist()]
+    table = TABLE.select(TIME, pl.col(CURRENT).abs(), VOLTAGE).with_columns(pl.Series(state, words))
+    table.columns = [*names, state]
+    record = read(tmp_path, table.write_csv().encode(encoding))
+    require_the_record(record)
+    np.testing.assert_array_equal(record.state, np.sign(record.current_a))
 
 
-@pytest.mark.parametrize("form", ["%M:%S.%f", "%I:%M:%S %p", "%H:%M:%S"])
-def test_a_clock_of_the_day_or_of_the_hour_runs_on(form):
-    evening = datetime.datetime(2026, 1, 1, 23, 10)
-    seconds = np.arange(300) * 20
-    clock = [(evening + datetime.timedelta(seconds=int(each))).strftime(form) for each in seconds]
-    record = record_from_frame(TABLE.with_columns(pl.Series(TIME, clock)))
-    np.testing.assert_allclose(record.time_s - record.time_s[0], seconds)
+@pytest.mark.parametrize(
+    "pack", [gzip.compress, lambda own: zipped({"c": own, "__MACOSX/._c": b""})]
+)
+def test_a_packed_file_is_that_file(tmp_path, pack):
+    record = read(tmp_path, pack(maccor_text(TABLE).replace(b"\n", b"\r\n")), "c.zip")
+    require_the_record(record)
+    assert "format.suffix" not in {each.code for each in (*record.warnings, *record.notes)}
 
 
-def test_a_clock_of_two_parts_without_a_fraction_is_refused():
-    clock = [f"{k // 60:02d}:{k % 60:02d}" for k in range(300)]
-    with pytest.raises(InputError, match="'00:00' stands under 'Test Time / s'"):
-        record_from_frame(TABLE.with_columns(pl.Series(TIME, clock)))
+@pytest.mark.parametrize("files", [{}, {"a.csv": b"1", "b.csv": b"2"}, {"a.bin": bytes(99)}])
+def test_a_zip_archive_of_anything_else_is_to_be_unpacked(tmp_path, files):
+    archive = zipped(files) if files else zipped({"a": b"1" * 99})[:60]
+    with pytest.raises(InputError, match=r"c\.zip: .*(unpack it|Export the record)"):
+        read(tmp_path, archive, "c.zip")
+
+
+def ec_lab(**columns):
+    table = {"mode": 1.0, "ox/red": 1.0, "time/s": TABLE[TIME], **columns}
+    rows = pl.DataFrame(table).write_csv(separator="\t", float_scientific=True)
+    return f"EC-Lab ASCII FILE\nNb header lines : 3\n{rows}"
+
+
+SECONDS, VOLTS = TABLE[TIME].to_numpy(), TABLE[VOLTAGE].to_numpy()
+MILLIAMPERES = 1e3 * TABLE[CURRENT].to_numpy()
+
+
+def test_the_sign_of_an_instrument_yields_to_clear_evidence_only(tmp_path):
+    # In a hold the current decays while the voltage rises, and nothing else steps.
+    hold = {"Ewe/V": np.r_[3.5, np.full(299, 3.6)], "I/mA": 1e3 * np.exp(-SECONDS / 20)}
+    record = read(tmp_path, ec_lab(**hold), voltage_lag=0.0)
+    assert (record.sign.value, record.warnings) == ("charge-positive", ())
+    record = read(tmp_path, ec_lab(**{"Ewe/V": VOLTS, "I/mA": -MILLIAMPERES}))
+    assert record.sign.value == "discharge-positive"
+    assert "promise" in " ".join(map(str, record.warnings))
+
+
+@pytest.mark.parametrize("name", ["<Ewe>/V", "Ewe/V", "Ecell/V"])
+def test_zero_volts_of_ec_lab_are_no_measurement(tmp_path, name):
+    said = refusal(tmp_path, ec_lab(**{name: VOLTS * (SECONDS < 150), "I/mA": MILLIAMPERES}))
+    assert f"row 154: EC-Lab wrote 0 under '{name}' for a voltage that it did not" in said
+
+
+@pytest.mark.parametrize(
+    ("beside", "is_said"),
+    [
+        ({"Ece/V": 0.1}, True),
+        ({"Ece/V": 0.1, "Ewe-Ece/V": VOLTS - 0.1}, True),
+        ({"Ece/V": 0.1, "<Ewe>/V": VOLTS}, True),
+        ({"Ece/V": 0.0}, False),
+    ],
+)
+def test_the_voltage_of_a_working_electrode_is_said_to_be_that(tmp_path, beside, is_said):
+    record = read(tmp_path, ec_lab(**{"Ewe/V": VOLTS, "I/mA": MILLIAMPERES, **beside}))
+    says = "of the working electrode against the reference"
+    assert (says in " ".join(told(record))) == is_said
+    np.testing.assert_allclose(record.voltage_v, VOLTS, rtol=1e-5)
+    if "Ewe-Ece/V" in beside:
+        record = read_record(tmp_path / "cell.csv", columns="voltage=Ewe-Ece/V")
+        np.testing.assert_allclose(record.voltage_v, VOLTS - 0.1, rtol=1e-5)
 
 
 def test_a_clock_of_the_steps_need_not_begin_at_zero():
@@ -310,36 +314,6 @@ def test_lines_of_words_between_the_rows_are_left_out(tmp_path):
     require_the_record(record)
     assert "left out 3 lines of words between the rows" in " ".join(map(str, record.notes))
     assert record.row[[0, 99, 100]].tolist() == [3, 102, 104]
-
-
-def test_a_table_without_names_is_told_to_have_none(tmp_path):
-    rows = "".join(f"11/27/2018 8:41:{k} PM,{k},PAU,0:00:0{k}.0,3.7,0.1,{k}\n" for k in range(9))
-    with pytest.raises(InputError, match="numbers, not names; write a row of names above it"):
-        read(tmp_path, rows.encode())
-
-
-def test_cells_of_a_workbook_shown_as_durations_are_times(tmp_path):
-    """Excel stores days; the style of the cells says that they are a duration."""
-    names = ["Time", "Current (A)", "Voltage (V)"]
-    days = TABLE.with_columns(pl.col(TIME) / 86400).select(TIME, CURRENT, VOLTAGE)
-    main = "http://schemas.openxmlformats.org/spreadsheetml/2006/main"
-    styles = f'<styleSheet xmlns="{main}"><cellXfs><xf/><xf numFmtId="46"/></cellXfs></styleSheet>'
-    with zipfile.ZipFile(tmp_path / "cell.xlsx", "w") as styled:
-        with zipfile.ZipFile(io.BytesIO(workbook({"cell": [names, *days.rows()]}))) as plain:
-            for part in plain.namelist():
-                text = plain.read(part).decode()
-                styled.writestr(part, text.replace("<row><c><v>", '<row><c s="1"><v>'))
-        styled.writestr("xl/styles.xml", styles)
-    record = read_record(tmp_path / "cell.xlsx")
-    np.testing.assert_allclose(record.time_s, TABLE[TIME].to_numpy(), atol=1e-3)
-    assert not any("assumed s" in str(each) for each in [*record.warnings, *record.notes])
-
-
-def test_numbers_cut_by_their_own_commas_are_refused(tmp_path):
-    text = "Zeit [s],Strom [A],Spannung [V],Time / s,Current / A,Voltage / V\n"
-    rows = "".join(f"{k},0,1,5,3,7,0,1,5,3,7,1\n" for k in range(30))
-    with pytest.raises(InputError, match="commas separate cells and also decimals"):
-        read(tmp_path, (text + rows).encode())
 
 
 def test_a_pipe_and_the_standard_input_are_read_once(tmp_path, monkeypatch):

@@ -3,7 +3,6 @@
 import re
 import shutil
 import sys
-from importlib.metadata import version as version_of
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +22,7 @@ REPOSITORY = HERE.parent
 project = "barnax"
 author = "The barnax developers"
 copyright = "The barnax developers, BSD-3-Clause"
-release = version = version_of("barnax")
+release = version = barnax.__version__
 
 extensions = [
     "myst_nb",

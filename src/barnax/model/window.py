@@ -70,15 +70,14 @@ def group_tests(
     Raises `InputError` for one of unknown temperature beside others of several.
     """
     windows = window if isinstance(window, Mapping) else {}
-    degc = [
-        temperature_of(test, windows.get(test.name, Window()))
-        if isinstance(test, Record)
-        else windows[test.name].temperature_degc
-        if test.name in windows
-        else degc_in_name(test.name)
-        for test in tests
-    ]
-    pairs = list(zip(degc, tests, strict=True))
+
+    def degc_of(test: Record | OcvTable) -> float | None:
+        window = windows.get(test.name)
+        if isinstance(test, Record):
+            return temperature_of(test, window or Window())
+        return window.temperature_degc if window else degc_in_name(test.name)
+
+    pairs = [(degc_of(test), test) for test in tests]
     groups = group_near((test_degc, test) for test_degc, test in pairs if test_degc is not None)
     if len(groups) < 2:
         return {}
@@ -176,8 +175,8 @@ def within_ocv(
         if not outside.any():
             return scored, []
         counts |= {"outside": outside.sum(), "farthest_soc": beyond[outside].max()}
-        notice = Notice("soc.outside-ocv", counts, record.name)
-        return scored, [notice.rated("note") if counts["farthest_soc"] < SAME_FULL else notice]
+        counts |= {"within": "full-charges" if counts["farthest_soc"] < SAME_FULL else None}
+        return scored, [Notice("soc.outside-ocv", counts, record.name)]
     at = far[0]
     given = {"far_row": record.row[at], "capacity_ah": capacity_ah}
     given |= {"ocv": "records" if cell.is_of_records else "test"}

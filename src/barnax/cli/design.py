@@ -142,10 +142,10 @@ def plan_after(
     counted = [part for part in earlier.parts if test.earlier or part.role == "OCV test"]
     is_open = bool(counted and test.earlier and test.start_v)
     start = Window(initial_soc=None if is_open else test.initial_soc)
-    own = Part(Path(RECORD), RECORD, "identification", window=start)
+    designed = Part(Path(RECORD), RECORD, "identification", window=start)
     if capacity_ah is None and not counted:
         capacity_ah = test.capacity_ah
-    return replace(earlier, parts=(own, *counted)).changed(None, capacity=capacity_ah)
+    return replace(earlier, parts=(designed, *counted)).changed(None, capacity=capacity_ah)
 
 
 def _next(test: "barnax.Design", earlier: "barnax.Plan", folder: Path) -> tuple[str, str]:

@@ -263,8 +263,8 @@ def bdf_table(record: "Record") -> "pl.DataFrame":
         "Cycle Count / 1": record.cycle,
         "Net Capacity / Ah": None if net_ah is None else 0.0 - net_ah,
     }
-    known = {name: values for name, values in columns.items() if values is not None}
-    return pl.DataFrame({name: values.copy() for name, values in known.items()})
+    present = {name: values for name, values in columns.items() if values is not None}
+    return pl.DataFrame({name: values.copy() for name, values in present.items()})
 
 
 def _is_unproved(record: "Record") -> bool:
@@ -281,7 +281,7 @@ def _provenance(record: "Record") -> dict[str, Any]:
         "reason": record.sign.reason,
         "current flows": f"{record.hold.value} from a sample ({record.hold.strength})",
         "net capacity": "integrated" if _is_unproved(record) else "the tester's",
-        "warnings": [str(found) for found in (*record.notes, *record.warnings)],
+        "warnings": [str(notice) for notice in (*record.notes, *record.warnings)],
     }
 
 

@@ -155,9 +155,9 @@ def fleet(given: FleetOptions) -> None:
     kept = {RESULTS: given.keep_results, FACTORS: given.keep_factors}
     # A shard's have its number in their names.
     if not (any(out.glob("cells*.parquet")) or any(out.glob("parts*"))):
-        for place in (page, *(out / name for name, is_kept in kept.items() if is_kept)):
-            if place.exists():
-                raise InputError(f"{place}: is of no fleet; give `out` another folder")
+        for path in (page, *(out / name for name, is_kept in kept.items() if is_kept)):
+            if path.exists():
+                raise InputError(f"{path}: is of no fleet; give `out` another folder")
     started_s = time.perf_counter()
     with session.counting("Identifying", len(cells)) as advance, _ended_from_within():
 
@@ -297,10 +297,10 @@ def _pages(trends: "Life", cells: Iterable[str]) -> dict[str, bytes]:
     document = reporting.life.life_document(trends, drawn).with_option_names(as_flags)
     files = reporting.render.report_files(document, drawn)
     for number, cell in enumerate(cells, 1):
-        own = [illustrate(f"cell-{number}", cell, plots.plot_cell_life, trends, cell)]
-        page = reporting.life.cell_document(trends, cell, own)
+        pictures = [illustrate(f"cell-{number}", cell, plots.plot_cell_life, trends, cell)]
+        page = reporting.life.cell_document(trends, cell, pictures)
         files[f"cells/{number}-{_file_name(cell)}.html"] = page_of(page)
-        files[f"figures/cell-{number}.png"] = own[0].png
+        files[f"figures/cell-{number}.png"] = pictures[0].png
     return files
 
 

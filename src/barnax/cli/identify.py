@@ -113,10 +113,10 @@ def _fit_factors(options: Identification, paths: list[Path]) -> None:
     from ..run_setup import bounded_tables
 
     job = barnax.Job(**options_of_job(options.job), watch=session.watch)
-    known = {field.name for field in fields(TableOptions)} | {"bounds", "fix", "watch"}
+    usable = {field.name for field in fields(TableOptions)} | {"bounds", "fix", "watch"}
     shown = {name: getattr(options, name) for name in ("report", "live", "paper", "design")}
     shown |= {"json": options.output.as_json}
-    idle = [*(job.chosen.keys() - known), *(name for name, value in shown.items() if value)]
+    idle = [*(job.chosen.keys() - usable), *(name for name, value in shown.items() if value)]
     if idle:
         first = min(idle)
         what = "a window, `initial_soc` or `capacity`" if first == "window" else f"`{first}`"
@@ -132,9 +132,9 @@ def _fit_factors(options: Identification, paths: list[Path]) -> None:
     session.show_document(reporting.soc_tables.kept_document(kept, fit))
     if folder is not None:
         tables = {TABLES: reporting.parameters.tables_csv(TableFits((fit,)))}
-        place = write_folder(folder, tables, options.output.force)
-        tell_elsewhere(session, folder, place)
-        session.show(["", str(place / TABLES)])
+        written = write_folder(folder, tables, options.output.force)
+        tell_elsewhere(session, folder, written)
+        session.show(["", str(written / TABLES)])
     session.warn(fit.warnings)
 
 

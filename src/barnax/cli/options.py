@@ -325,12 +325,12 @@ def windows_of(given: Given) -> dict[str, Window]:
     """
     chosen, windows = windows_by_record(given), {}
     common = chosen.get("", {})
-    for name, own in chosen.items():
+    for name, of_record in chosen.items():
         kept = common
-        if own.keys() & {"start_time_s", "start_after_step"}:
+        if of_record.keys() & {"start_time_s", "start_after_step"}:
             kept = {key: common[key] for key in common if not key.startswith("start")}
         try:
-            windows[name] = Window(**(kept | own))
+            windows[name] = Window(**(kept | of_record))
         except InputError as problem:
             raise InputError(f"{name}: {problem}" if name else str(problem)) from problem
     return windows

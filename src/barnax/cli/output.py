@@ -95,9 +95,9 @@ class Delivery(Session):
                         [f"the figures could not be drawn ({problem}); the result is written"]
                     )
             files["timings.json"] = self.timings_json()
-            place = write_folder(self.folder, files, self.output.force)
-            tell_elsewhere(self, self.folder, place)
-            self.folder, self.written = place, {*files}
+            written = write_folder(self.folder, files, self.output.force)
+            tell_elsewhere(self, self.folder, written)
+            self.folder, self.written = written, {*files}
         if self.output.as_json:
             typer.echo(document, nl=False)
 
@@ -153,24 +153,26 @@ def require_free(folder: Path, is_forced: bool) -> None:
     """Raise `InputError` where results cannot go to `folder`. Called before any work is done."""
     another = "give `out` another folder"
     with _described(folder, another):
-        place = folder.resolve()
-        if place == Path.cwd() or os.path.ismount(place):
+        target = folder.resolve()
+        if target == Path.cwd() or os.path.ismount(target):
             raise InputError(
                 f"{folder}: results replace their folder as a whole; give `out` one in it"
             )
-        existing = _writable(folder, place, another)
-        restore(place)
-        for name in place.relative_to(existing).parts:
+        existing = _writable(folder, target, another)
+        restore(target)
+        for name in target.relative_to(existing).parts:
             # A name that no folder can have is refused now, not when the search is done.
             with suppress(FileNotFoundError):
                 os.lstat(existing / name)
         with suppress(FileNotFoundError):
-            names = sorted(os.listdir(place))
-            own, _ = _own_and_others(place)
-            if names and own.isdisjoint(_results_in(place)):
-                known = sorted(_results_in(place))
-                what = f"{known[0]!r} was changed since" if known else f"holds {names[0]!r}, which"
-                words = "barnax wrote it" if known else "barnax did not write"
+            names = sorted(os.listdir(target))
+            ours, _ = _ours_and_theirs(target)
+            if names and ours.isdisjoint(_results_in(target)):
+                results = sorted(_results_in(target))
+                what = (
+                    f"{results[0]!r} was changed since" if results else f"holds {names[0]!r}, which"
+                )
+                words = "barnax wrote it" if results else "barnax did not write"
                 raise InputError(f"{folder}: {what} {words}; {another}")
             if names and not is_forced:
                 raise InputError(f"{folder}: holds a result; replace it with `force` or {another}")
@@ -187,52 +189,52 @@ def write_folder(folder: Path, files: Mapping[str, bytes], is_forced: bool) -> P
     A folder is there at once with all its files, the user's among them. Where the process is killed
     between the two steps that replace one, `restore` takes the second.
     """
-    place = folder.resolve()
+    target = folder.resolve()
     files = {**files, LIST: _listed({name: _hash(content) for name, content in files.items()})}
     described = _described(folder, "nothing was changed; give `out` another folder")
     with described, undisturbed(), ExitStack() as stack:
-        place.parent.mkdir(parents=True, exist_ok=True)
-        restore(place)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        restore(target)
         # Two commands that end at once write one after the other.
-        stack.enter_context(locked(place.parent))
-        workshop = aside(place.parent)
+        stack.enter_context(locked(target.parent))
+        workshop = aside(target.parent)
         workshop.mkdir()
         stack.callback(shutil.rmtree, workshop, ignore_errors=True)
-        fresh, old = workshop / "new", workshop / "old" / place.name
+        fresh, old = workshop / "new", workshop / "old" / target.name
         for name, content in files.items():
             _write(fresh / name, content)
-        own, theirs = _own_and_others(place)
-        is_replaced = is_forced and not own.isdisjoint(_results_in(place))
+        ours, theirs = _ours_and_theirs(target)
+        is_replaced = is_forced and not ours.isdisjoint(_results_in(target))
         # What would take the place of something of the user's.
-        clashes = [name for name in files if (place / name).is_dir()]
+        clashes = [name for name in files if (target / name).is_dir()]
         clashes += theirs & (files.keys() | _folders(files))
         if clashes or not is_replaced:
-            found = _moved(fresh, place)
-            return folder if found == place else found
-        _share(place, fresh, own | (_folders(own) - _folders(theirs)))
+            moved = _moved(fresh, target)
+            return folder if moved == target else moved
+        _share(target, fresh, ours | (_folders(ours) - _folders(theirs)))
         old.parent.mkdir()
-        os.replace(place, old)
+        os.replace(target, old)
         try:
-            os.replace(fresh, place)
+            os.replace(fresh, target)
         except BaseException:
             # Not to go before it is back: undoing may be stopped too.
             kept = stack.pop_all()
-            os.replace(old, place)
+            os.replace(old, target)
             kept.close()
             raise
         # What somebody saved there meanwhile.
-        late = [name for name in _own_and_others(old)[1] if not (old / name).is_symlink()]
-        if len(filecmp.cmpfiles(old, place, late)[0]) < len(late):
-            _moved(old, place)
+        late = [name for name in _ours_and_theirs(old)[1] if not (old / name).is_symlink()]
+        if len(filecmp.cmpfiles(old, target, late)[0]) < len(late):
+            _moved(old, target)
     return folder
 
 
-def _share(place: Path, fresh: Path, but: set[str]) -> None:
+def _share(target: Path, fresh: Path, but: set[str]) -> None:
     """Put all of a folder into another too, `but` these paths: as links to the same files, or as
     copies where the file system has no such links."""
 
     def left_out(folder: str, names: Sequence[str]) -> list[str]:
-        inside = Path(folder).relative_to(place)
+        inside = Path(folder).relative_to(target)
         return [name for name in names if (inside / name).as_posix() in but]
 
     def share(file: str, other: str) -> None:
@@ -242,7 +244,7 @@ def _share(place: Path, fresh: Path, but: set[str]) -> None:
             shutil.copy2(file, other)
 
     shutil.copytree(
-        place, fresh, symlinks=True, ignore=left_out, copy_function=share, dirs_exist_ok=True
+        target, fresh, symlinks=True, ignore=left_out, copy_function=share, dirs_exist_ok=True
     )
 
 
@@ -255,9 +257,9 @@ def _listed(hashes: Mapping[str, str]) -> bytes:
     return (json.dumps(hashes, indent=1, sort_keys=True) + "\n").encode()
 
 
-def _listing(place: Path) -> dict[str, str]:
+def _listing(folder: Path) -> dict[str, str]:
     """What a folder's list says that barnax wrote, with the hash of each file."""
-    path = place / LIST
+    path = folder / LIST
     with suppress(OSError, ValueError):
         # A pipe would wait for its other end.
         listed = json.loads(path.read_text()) if path.is_file() else None
@@ -266,9 +268,9 @@ def _listing(place: Path) -> dict[str, str]:
     return {}
 
 
-def _results_in(place: Path) -> set[str]:
+def _results_in(folder: Path) -> set[str]:
     """The results that a folder's list says barnax wrote."""
-    listed = _listing(place).keys()
+    listed = _listing(folder).keys()
     return (listed & {*RESULTS}) or (listed & {TABLES})
 
 
@@ -276,10 +278,10 @@ def _hash(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def free_names(place: Path) -> Iterator[Path]:
+def free_names(path: Path) -> Iterator[Path]:
     """The place itself where nothing or an empty folder is, and the free names after it."""
     for number in itertools.count(1):
-        free = place if number == 1 else place.with_name(f"{place.name}-{number}")
+        free = path if number == 1 else path.with_name(f"{path.name}-{number}")
         if not os.path.lexists(free) or (free.is_dir() and not any(free.iterdir())):
             yield free
 
@@ -290,9 +292,9 @@ def new_run(*words: str) -> str:
     return shlex.join(["barnax", "identify", *words, "--out", str(out)])
 
 
-def _moved(fresh: Path, place: Path) -> Path:
+def _moved(fresh: Path, target: Path) -> Path:
     """The first free name, where the folder now is."""
-    for free in free_names(place):
+    for free in free_names(target):
         with suppress(OSError):
             # Not every system moves a folder over an empty one.
             free.rmdir()
@@ -307,42 +309,42 @@ def _moved(fresh: Path, place: Path) -> Path:
     raise AssertionError("there is always another number")
 
 
-def _own_and_others(place: Path) -> tuple[set[str], set[str]]:
+def _ours_and_theirs(folder: Path) -> tuple[set[str], set[str]]:
     """Files in a folder that barnax wrote and nobody changed since, and all others."""
-    listed = _listing(place)
-    paths = (path for path in place.rglob("*") if path.is_symlink() or not path.is_dir())
-    there = {path.relative_to(place).as_posix(): path for path in paths}
-    own = {
+    listed = _listing(folder)
+    paths = (path for path in folder.rglob("*") if path.is_symlink() or not path.is_dir())
+    there = {path.relative_to(folder).as_posix(): path for path in paths}
+    ours = {
         name
         for name, path in there.items()
         if name in listed and not path.is_symlink() and path.is_file()
         if _hash(path.read_bytes()) == listed[name]
     }
-    own |= {LIST} & there.keys() if own else set()
-    return own, there.keys() - own
+    ours |= {LIST} & there.keys() if ours else set()
+    return ours, there.keys() - ours
 
 
 def require_free_file(path: Path, is_forced: bool) -> None:
     """Raise `InputError` where a file cannot go to `path`. Called before any work is done."""
     another = "give `out` another file"
     with _described(path, another):
-        place = path.resolve()
-        if place.is_symlink():
+        target = path.resolve()
+        if target.is_symlink():
             # It leads to itself, which `resolve` does not tell from Python 3.13 on.
-            place.stat()
-        if place.is_dir():
+            target.stat()
+        if target.is_dir():
             raise InputError(f"{path}: is a folder; give `out` a file in it")
-        if place.exists() and not stat.S_ISREG(place.stat().st_mode):
+        if target.exists() and not stat.S_ISREG(target.stat().st_mode):
             raise InputError(f"{path}: is a device or a pipe, and no file; {another}")
-        if place.exists() and not is_forced:
+        if target.exists() and not is_forced:
             raise InputError(f"{path}: exists already; replace it with `force` or {another}")
-        _writable(path, place, another)
+        _writable(path, target, another)
 
 
-def _writable(path: Path, place: Path, another: str) -> Path:
+def _writable(path: Path, target: Path, another: str) -> Path:
     """The nearest folder above a place that is there. Raises `InputError` unless one can write
     to it."""
-    existing = next(parent for parent in place.parents if parent.exists())
+    existing = next(parent for parent in target.parents if parent.exists())
     if not existing.is_dir() or not os.access(existing, os.W_OK):
         raise InputError(f"{path}: {existing} cannot be written to; {another}")
     return existing
@@ -350,9 +352,9 @@ def _writable(path: Path, place: Path, another: str) -> Path:
 
 def write_file(path: Path, content: bytes) -> None:
     """Put `content` into the file `path`, or leave what was there."""
-    place = path.resolve()
+    target = path.resolve()
     with _described(path, "nothing was changed; give `out` another file"):
-        write_whole(place, content)
+        write_whole(target, content)
 
 
 def add_file(path: Path, content: bytes) -> None:
@@ -364,10 +366,10 @@ def add_file(path: Path, content: bytes) -> None:
                 write_whole(path.parent / LIST, _listed({**listed, path.name: _hash(content)}))
 
 
-def tell_elsewhere(session: Session, folder: Path, place: Path) -> None:
+def tell_elsewhere(session: Session, folder: Path, written: Path) -> None:
     """Say where results went if something else took their folder meanwhile."""
-    if place != folder:
-        session.warn([f"{folder}: something else has appeared there; the results are in {place}"])
+    if written != folder:
+        session.warn([f"{folder}: something else has appeared there; the results are in {written}"])
 
 
 def tell_unfinished(session: Session, folder: Path) -> None:

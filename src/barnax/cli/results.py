@@ -60,8 +60,8 @@ class OnRecord:
         source = source_of(self.record, {}, reading)
         if self.whole_record:
             return source, given
-        own = window_of(stored, source, source, reading) if chosen else None
-        return source, own and merged(own, given)
+        window = window_of(stored, source, source, reading) if chosen else None
+        return source, window and merged(window, given)
 
 
 @group
@@ -246,8 +246,8 @@ def report(of: Stored) -> None:
     The figures of identify and hppc are drawn again from the measured files. Where
     those are not found, and for compare and soc, figures over time are left out.
     """
-    place = of.result if of.result.is_dir() else of.result.parent
-    out = of.out or place / PAGE
+    folder = of.result if of.result.is_dir() else of.result.parent
+    out = of.out or folder / PAGE
     require_free_file(out, of.force)
     session = Session(is_quiet=False)
     with session.watch("Writing the report"):

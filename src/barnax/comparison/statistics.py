@@ -143,7 +143,7 @@ def errors_by_soc(
     >>> errors_by_soc(np.array([0.3, 0.1]), np.array([-0.01, 0.5]), np.full(2, True))[0].samples
     1
     """
-    found = []
+    errors = []
     for low, high in BANDS:
         above = -np.inf if low == BANDS[0][0] else low
         below = np.inf if high == BANDS[-1][1] else high
@@ -151,8 +151,8 @@ def errors_by_soc(
         figures = ()
         if len(inside):
             figures = np.sqrt(np.mean(inside**2)), np.mean(inside), np.max(np.abs(inside))
-        found.append(BandError(low, high, len(inside), *map(float, figures)))
-    return tuple(found)
+        errors.append(BandError(low, high, len(inside), *map(float, figures)))
+    return tuple(errors)
 
 
 def compare_over_time(first_error_v: Samples, second_error_v: Samples, seed: int = 0) -> Resampled:

@@ -66,7 +66,7 @@ def _facts(design: "Design") -> dict[str, Any]:
     """What the sentences about a test are made of."""
     wanted = design.wanted
     names = dict.fromkeys([*wanted, *design.already, *design.printed])
-    before = {name: _known_before(design.of_table(name)) for name in names}
+    before = {name: _halves_before(design.of_table(name)) for name in names}
     after = {name: [width.after for width in design.of_table(name)] for name in wanted}
     facts: dict[str, Any] = {"before": before, "after": after, "together": TOGETHER}
     facts |= {"shown": _shown, "half": _half, "middle": middle, "emptying": EMPTYING}
@@ -111,7 +111,7 @@ def _shortfall(design: "Design", after: dict[str, list[float]]) -> dict[str, Any
     }
 
 
-def _known_before(widths: "Sequence[Width]") -> list[float]:
+def _halves_before(widths: "Sequence[Width]") -> list[float]:
     return [width.before for width in widths if width.before is not None]
 
 
@@ -121,15 +121,15 @@ def _widths_table(design: "Design") -> Table:
     heads = ["95 % interval (+/-)", "wanted", "before", "this test", *(test.name for test in tests)]
     rows = [["hours", "", "", f"{design.hours:.2f}", *(f"{test.hours:.1f}" for test in tests)]]
     for name, wanted in design.wanted.items():
-        own = design.of_table(name)
-        before = _known_before(own)
-        known = middle(name, before) if len(before) > len(own) / 2 else NOTHING
-        of_tests = [own, *(design.of_table(name, test.widths) for test in tests)]
+        widths = design.of_table(name)
+        before = _halves_before(widths)
+        before_words = middle(name, before) if len(before) > len(widths) / 2 else NOTHING
+        of_tests = [widths, *(design.of_table(name, test.widths) for test in tests)]
         after = [[width.after for width in widths] for widths in of_tests]
         middles = [middle(name, halves) for halves in after]
-        rows.append([_shown(name), _half(name, wanted), known, *middles])
-        if len(own) > 1:
-            wide = _half(name, max(before)) if len(before) == len(own) else ""
+        rows.append([_shown(name), _half(name, wanted), before_words, *middles])
+        if len(widths) > 1:
+            wide = _half(name, max(before)) if len(before) == len(widths) else ""
             rows.append(["  widest", "", wide, *(_half(name, max(halves)) for halves in after)])
     return rows_table("", heads, rows, heads[:1], is_bare=True)
 

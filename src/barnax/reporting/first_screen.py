@@ -42,7 +42,7 @@ def first_screen(result: "Result") -> Document:
 
 # What was not used is predicted badly where its error exceeds this multiple of the fit's, and this
 # size; and as well as can be where it is under that: no table left open matters then.
-LOST, LOST_V, FOUND_V = 2.0, 0.01, 0.002
+LOST, LOST_V, SMALL_V = 2.0, 0.01, 0.002
 # A table needs a test where less than `FEW` of its nodes have a relative error under `WIDE`.
 WIDE, FEW = 0.5, 1 / 3
 
@@ -69,7 +69,7 @@ def next_step(result: "Result") -> Next:
 
     - over `LOST` times the error on what was fitted, and over `LOST_V`: more data;
     - known of no other record: validate on one;
-    - over `FOUND_V`, and a resistance is left open at most nodes: a test that tells it;
+    - over `SMALL_V`, and a resistance is left open at most nodes: a test that tells it;
     - else the circuit serves: export it to a format that holds its hysteresis.
 
     For a constant circuit there is more to try in place of the last two.
@@ -100,7 +100,7 @@ def next_step(result: "Result") -> Next:
     if not (view.validation_errors or (held_out and held_out.by_record)):
         return Next("validate on another record of the cell, with `validate`")
     wide = _wide(view)
-    if wide and unseen and unseen.error_v > FOUND_V:
+    if wide and unseen and unseen.error_v > SMALL_V:
         return Next(f"measure what is missing: {wide}", designs=True)
     circuit = get_circuit(result.model)
     if result.tables is not None:

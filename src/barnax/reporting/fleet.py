@@ -33,15 +33,15 @@ def fleet_illustrations(rows: pl.DataFrame, worst: "Mapping[str, Evaluation]") -
     good = rows.filter(pl.col("error").is_null())
     names = summed_up(good) if len(good) else []
     values = {name: good[name].drop_nulls().to_numpy() for name in names}
-    positive = {name: own for name, own in values.items() if len(own) and own.min() > 0}
-    found = []
+    positive = {name: column for name, column in values.items() if len(column) and column.min() > 0}
+    pictures = []
     if positive:
-        found.append(illustrate("distributions", "", plot_distributions, positive))
-    for place, (name, evaluation) in enumerate(worst.items(), 1):
+        pictures.append(illustrate("distributions", "", plot_distributions, positive))
+    for number, (name, evaluation) in enumerate(worst.items(), 1):
         caption = f"{name}, RMSE {millivolt(evaluation.metrics.rmse_v)}."
         draw = partial(plot_voltage, evaluation)
-        found.append(Picture(f"worst-{place}", draw, caption, caption))
-    return found
+        pictures.append(Picture(f"worst-{number}", draw, caption, caption))
+    return pictures
 
 
 def fleet_document(summary: "Summary", illustrations: Sequence[Picture] = ()) -> Document:

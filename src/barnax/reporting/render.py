@@ -38,8 +38,8 @@ def table_lines(table: Table) -> str:
     head = [escape_markdown(column.head) for column in table.columns]
     body = [
         [
-            f"**{escape_markdown(cell)}**" if (row, place) in table.best else escape_markdown(cell)
-            for place, cell in enumerate(cells)
+            f"**{escape_markdown(cell)}**" if (row, index) in table.best else escape_markdown(cell)
+            for index, cell in enumerate(cells)
         ]
         for row, cells in enumerate(table.rows)
     ]

@@ -77,7 +77,7 @@ class Words:
 
     @property
     def glued(self) -> Text:
-        return Text(UNBROKEN.sub(lambda found: found[0].replace(" ", GLUE), self.plain), self.style)
+        return Text(UNBROKEN.sub(lambda match: match[0].replace(" ", GLUE), self.plain), self.style)
 
     @property
     def widest(self) -> int:
@@ -138,17 +138,17 @@ class Whole:
         self.heads = [_head(column, table.is_bare) for column in table.columns]
         self.rows = [
             [
-                plain(cell, style="bold" if (place, index) in table.best else "")
+                plain(cell, style="bold" if (number, index) in table.best else "")
                 for index, cell in enumerate(row)
             ]
-            for place, row in enumerate(table.rows)
+            for number, row in enumerate(table.rows)
         ]
         columns = [*zip(self.heads, *self.rows, strict=True)]
         # The widths that columns have room in, and those below which they would be cut.
         self.most = [max(text.widest for text in column) for column in columns]
         self.least = [
-            most if self._is_number(place) else max(text.longest for text in columns[place])
-            for place, most in enumerate(self.most)
+            most if self._is_number(number) else max(text.longest for text in columns[number])
+            for number, most in enumerate(self.most)
         ]
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
@@ -158,8 +158,8 @@ class Whole:
         for places in parts:
             yield self._part(places, options.max_width, pad)
 
-    def _is_number(self, place: int) -> bool:
-        return self.table.columns[place].role == "number"
+    def _is_number(self, index: int) -> bool:
+        return self.table.columns[index].role == "number"
 
     def _width(self, widths: Collection[int], pad: int) -> int:
         """The width of columns with everything between and beside them."""
@@ -168,12 +168,12 @@ class Whole:
     def _parts(self, width: int, pad: int) -> list[list[int]]:
         """The columns that stand beside each other, each time after the first."""
         count = len(self.heads)
-        firsts = [place for place in range(1, count) if place not in self.table.joined]
+        firsts = [index for index in range(1, count) if index not in self.table.joined]
         parts: list[list[int]] = [[0]]
         for first, following in pairwise([*firsts, count]):
             group = [*range(first, following)]
             wanted = [*parts[-1], *group]
-            taken = self._width([self.least[place] for place in wanted], pad)
+            taken = self._width([self.least[index] for index in wanted], pad)
             if len(parts[-1]) > 1 and taken > width:
                 parts.append([0, *group])
             else:
@@ -181,21 +181,21 @@ class Whole:
         return parts
 
     def _part(self, places: list[int], width: int, pad: int) -> Shown:
-        widths = {place: self.most[place] for place in places}
+        widths = {index: self.most[index] for index in places}
         while self._width(widths.values(), pad) > width:
-            loose = [place for place in places if widths[place] > self.least[place]]
+            loose = [index for index in places if widths[index] > self.least[index]]
             if not loose:
                 break
             widths[max(loose, key=widths.__getitem__)] -= 1
         has_heads = any(head.plain for head in self.heads)
         layout = BARE if self.table.is_bare else LINED
         part = Shown(show_header=has_heads, padding=(0, pad, 0, 0), pad_edge=False, **layout)
-        for place in places:
-            justify = "right" if self._is_number(place) else "left"
-            width = widths[place]
-            part.add_column(self.heads[place], justify=justify, overflow="fold", width=width)
+        for index in places:
+            justify = "right" if self._is_number(index) else "left"
+            width = widths[index]
+            part.add_column(self.heads[index], justify=justify, overflow="fold", width=width)
         for row in self.rows:
-            cells = [row[place] for place in places]
+            cells = [row[index] for index in places]
             # Of a part below there is nothing to say of some rows.
             if places[:2] == [0, 1] or any(cell.plain for cell in cells[1:]):
                 part.add_row(*cells)

@@ -274,4 +274,4 @@ class View:
     def registered(self) -> "list[InputPart]":
         """The records whose starts and capacities were adjusted."""
         windows = [(part, part.window) for part in self.identified if part.start and part.window]
-        return [part for part, own in windows if own.registration and own.capacity_ah]
+        return [part for part, window in windows if window.registration and window.capacity_ah]

@@ -132,14 +132,14 @@ def _document(
 def _table(caption: str, lines: Sequence[str], is_bare: bool) -> Table:
     heads, rule, *rows = ([cell.strip() for cell in line.split("|")[:-1]] for line in lines)
     best = frozenset(
-        (number, place)
+        (number, index)
         for number, row in enumerate(rows)
-        for place, cell in enumerate(row)
+        for index, cell in enumerate(row)
         if cell.startswith("**")
     )
     cells = tuple(tuple(cell.strip("*").replace(BAR, "|") for cell in row) for row in rows)
-    columns = (column(*own) for own in zip(heads, map(RULES.__getitem__, rule), strict=True))
-    joined = frozenset(place for place, own in enumerate(rule) if own.startswith(":"))
+    columns = (column(*one) for one in zip(heads, map(RULES.__getitem__, rule), strict=True))
+    joined = frozenset(index for index, one in enumerate(rule) if one.startswith(":"))
     return Table(caption, tuple(columns), cells, best, joined, is_bare)
 
 
@@ -163,9 +163,9 @@ def blocks(name: str, *facts: Any) -> tuple[Block, ...]:
 
 def table(name: str, *facts: Any) -> Table:
     """The one table of a macro."""
-    (found,) = blocks(name, *facts)
-    assert isinstance(found, Table), f"{name} makes a table"
-    return found
+    (one,) = blocks(name, *facts)
+    assert isinstance(one, Table), f"{name} makes a table"
+    return one
 
 
 def sentences(name: str, *facts: Any) -> tuple[str, ...]:

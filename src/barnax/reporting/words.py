@@ -62,10 +62,10 @@ def gathered(pairs: Iterable[tuple[Key, Item]]) -> dict[Key, list[Item]]:
     >>> gathered([(1, "a"), (2, "b"), (1, "c")])
     {1: ['a', 'c'], 2: ['b']}
     """
-    found: dict[Key, list[Item]] = {}
+    groups: dict[Key, list[Item]] = {}
     for key, item in pairs:
-        found.setdefault(key, []).append(item)
-    return found
+        groups.setdefault(key, []).append(item)
+    return groups
 
 
 def extent(values: Collection[float], scale: float = 1.0, form: str = ".4g") -> str:

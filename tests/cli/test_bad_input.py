@@ -1,9 +1,11 @@
 """What cannot be used: exit status 2, one message with file, row, value and remedy, no files.
 
-The messages themselves stand in `golden/refusals-files.txt` and `golden/refusals-options.txt`.
+The messages themselves stand in `golden/refusals-files.txt`, `golden/refusals-options.txt` and
+`golden/refusals-commands.txt`.
 """
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -14,7 +16,7 @@ import pytest
 
 from barnax import inputs
 from barnax.bundled import BUNDLED
-from helpers.golden import GOLDEN, require_golden, without_blanks
+from helpers.golden import GOLDEN, RESULT, require_golden, without_blanks
 from helpers.records import CURRENT, TIME, VOLTAGE, changed, frame, once
 
 from .conftest import BUDGET, OCV
@@ -101,6 +103,37 @@ OPTIONS = [
     ("--fix", "C1 [F]=5", "--fix", "tau1 [s]=5"),
     *(("--bounds", name) for name in (*CONTENTS, "absent.toml", ".") if "csv" not in name),
 ]
+COMMANDS = [
+    ("export", "result.json"),
+    ("export", "result.json", "--to", "spice"),
+    ("export", "result.json", "--to", "c"),
+    ("export", "result.json", "--to", "csv", "--verify"),
+    ("export", "result.json", "--to", "csv", "--out", "result.json", "--force"),
+    *(
+        ("export", "result.json", "--to", "csv", "--out", out)
+        for out in ("x", ".", "empty.csv/in", 300 * "x")
+    ),
+    *(
+        ("export", name, "--to", "csv")
+        for name in ("absent.json", "empty.csv", "other.json", "noise.csv")
+    ),
+    ("compare", "--models", "so-rc,rc"),
+    ("compare", "--methods", "ls,guess"),
+    ("compare", "--ocv", "test.csv"),
+    ("compare", "folder"),
+    ("compare", "plan.toml"),
+    ("compare", "absent.csv"),
+    ("soc", "result.json", VALIDATION, "--estimate", "offset,R9"),
+    ("soc", "result.json", VALIDATION, "--voltage-lag", "other.csv=1"),
+    ("validate", "result.json"),
+    ("validate", "absent.json", VALIDATION),
+    ("validate", "result.json", "backward.csv"),
+    ("validate", "result.json", VALIDATION, "--current-sign", "discharge-positive"),
+    ("validate", "result.json", VALIDATION, "--initial-soc", "other.csv=1"),
+    ("validate", "result.json", VALIDATION, "--voltage-lag", "other.csv=1"),
+    ("pack", RECORD, "--validate", VALIDATION),
+    *(("identify", *words) for words in (("--nodes", "5"), ("--folds=0",), ("--no-rising-ocv",))),
+]
 
 
 @pytest.fixture
@@ -109,13 +142,20 @@ def bad_files(tmp_path: Path) -> None:
         table.write_csv(tmp_path / name)
     for name, content in CONTENTS.items():
         (tmp_path / name).write_bytes(content)
+    (tmp_path / "other.json").write_text("{}")
+    (tmp_path / "folder").mkdir()
+    shutil.copy(RESULT, tmp_path)
     (tmp_path / "copy.parquet").write_bytes(RECORD.read_bytes())
     PART.write_csv(tmp_path / "part.csv")
 
 
 @pytest.mark.usefixtures("bad_files")
-@pytest.mark.parametrize(("cases", "golden"), [(FILES, "files"), (OPTIONS, "options")])
-def test_every_refusal_is_one_message_that_says_what_to_do(refuse, monkeypatch, cases, golden):
+@pytest.mark.parametrize(
+    ("cases", "golden"), [(FILES, "files"), (OPTIONS, "options"), (COMMANDS, "commands")]
+)
+def test_every_refusal_is_one_message_that_says_what_to_do(
+    refuse, monkeypatch, tmp_path, cases, golden
+):
     # Nothing is searched for before everything was looked at.
     monkeypatch.setattr("barnax.identification.search_seeds", None)
     # The bundled cell is the same in every case.
@@ -124,10 +164,11 @@ def test_every_refusal_is_one_message_that_says_what_to_do(refuse, monkeypatch, 
     told = []
     for case in cases:
         words = [word.name if isinstance(word, Path) else word for word in case]
-        message = refuse("identify", *BUDGET, *case)
-        assert message.count("error: ") == 1
-        assert message.startswith("error: ")
-        told += [f"$ barnax identify {' '.join(words)}", message]
+        given = [] if golden == "commands" else ["identify"]
+        message = refuse(*given, *(BUDGET if given else ()), *case)
+        assert message.lower().count("error: ") == 1
+        assert message.startswith(("error: ", "Error: ", "Usage: "))
+        told += [f"$ barnax {' '.join([*given, *words])}", message.replace(str(tmp_path), ".")]
     require_golden(GOLDEN / f"refusals-{golden}.txt", without_blanks("\n".join(told)))
 
 
@@ -161,8 +202,3 @@ def test_a_platform_that_is_not_there_is_one_line_with_the_remedy(tmp_path, word
     assert last.startswith(f"error: JAX_PLATFORMS={platform}: JAX cannot compute there")
     assert "unset JAX_PLATFORMS" in last
     assert (done.returncode, done.stderr.count("\n")) == (2, len(words))
-
-
-def test_a_pack_has_nothing_to_validate_on(refuse):
-    words = refuse("pack", BUNDLED.record, "--validate", BUNDLED.validation)
-    assert "--validate does nothing for a pack" in words

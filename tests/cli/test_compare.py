@@ -81,21 +81,6 @@ def test_json_goes_to_stdout_alone(run, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (("--models", "so-rc,rc"), "--models 'rc' is not known"),
-        (("--methods", "ls,guess"), "--methods 'guess' is not known"),
-        (("--ocv", "test.csv"), "give a record to identify on"),
-        ((".",), "has no files; give the folder with the records of a cell"),
-        (("plan.toml",), "plan.toml: cannot be read as a plan"),
-        (("missing.csv",), "missing.csv: there is no such file"),
-    ],
-)
-def test_bad_input_is_one_message(words, message, refuse):
-    assert message in " ".join(refuse("compare", *words).split())
-
-
 def test_a_second_record_is_refused_rather_than_left_out():
     records = [BUNDLED.record, BUNDLED.validation]
     with pytest.raises(InputError, match="uses one record, but 2 were given"):

@@ -44,51 +44,6 @@ def test_an_existing_file_is_replaced_only_by_force(run, refuse, stored):
     assert place.read_text().startswith("/*\n * Written by barnax")
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ((), "Missing option"),
-        (("--to", "spice"), "--to 'spice' is not known; there are pybamm, thevenin, simscape, c-h"),
-        (("--to", "c"), "--to 'c' is not known; did you mean c-header or c-filter?"),
-        (("--to", "csv", "--out", "x"), "x: has no ending; give --out a name that ends in .csv"),
-        (("--to", "csv", "--verify"), "not for csv"),
-        (("--to", "csv", "--out", "{stored}", "--force"), "this is the file to read"),
-    ],
-)
-def test_what_cannot_be_exported_is_refused(refuse, stored, words, message):
-    assert message in refuse("export", stored, *(w.format(stored=stored) for w in words))
-    Result.from_json(stored)
-
-
-@pytest.mark.parametrize(
-    "content", [None, b"", b"{}", b"\x89PNG\r\n\xff"], ids=["absent", "empty", "other", "binary"]
-)
-def test_a_result_that_is_none_is_refused(refuse, tmp_path, content):
-    if content is not None:
-        (tmp_path / "result.json").write_bytes(content)
-    message = refuse("export", "result.json", "--to", "csv")
-    assert message.startswith("error: result.json: ")
-    assert "give the result.json that barnax identify wrote" in message
-
-
-@pytest.mark.parametrize(
-    ("out", "part"),
-    [
-        (".", "is a folder; give --out a file in it"),
-        ("file/in", "cannot be"),
-        (300 * "x", "File name too long"),
-        ("loop", "cannot be used"),
-    ],
-    ids=["folder", "below-a-file", "long", "loop"],
-)
-def test_a_place_that_takes_no_file_is_refused_before_any_work(refuse, stored, tmp_path, out, part):
-    (tmp_path / "file").write_text("mine")
-    (tmp_path / "loop").symlink_to("loop")
-    message = refuse("export", stored, "--to", "csv", "--out", out)
-    assert part in message
-    assert "give --out" in message
-
-
 @pytest.mark.parametrize("name", ["pybamm", "thevenin"])
 # What other packages warn of when they are imported is theirs.
 @pytest.mark.filterwarnings("ignore")

@@ -94,15 +94,6 @@ def test_what_contradicts_itself_is_refused_by_the_name_of_its_record():
         windows_of(given)
 
 
-@pytest.mark.parametrize("words", [["--nodes", "5"], ["--folds=0"], ["--no-rising-ocv"]])
-def test_a_flag_that_is_a_key_of_a_plan_is_refused_with_the_way_there(words):
-    refused = CliRunner().invoke(app, ["identify", *words])
-    said = " ".join(refused.output.split())
-    assert refused.exit_code == 2
-    assert f"{words[0].split('=')[0]} is no option" in said
-    assert "--plan" in said
-
-
 def test_what_was_assumed_of_a_file_is_a_note_among_warnings_too(capsys):
     merged = Notice("repeats.merged", {"rows": 3, "alike": "exact"}, "a.csv")
     Session(is_quiet=False).warn([merged, merged.rated("warning")])

@@ -37,10 +37,3 @@ def test_json_goes_to_stdout_and_writes_nothing(run, finished, tmp_path):
     outcome = run("soc", finished.folder, BUNDLED.validation, "--json", "--score-to", "1000")
     assert json.loads(outcome.out)["samples"] == 1001
     assert contents(tmp_path) == {}
-
-
-def test_what_is_unknown_is_refused(refuse, finished):
-    message = refuse("soc", finished.folder, BUNDLED.validation, "--estimate", "offset,R9")
-    assert "--estimate 'R9' is not known; there are offset, capacity, R0" in message
-    message = refuse("soc", finished.folder, BUNDLED.validation, "--voltage-lag", "other.csv=1")
-    assert "no record is called 'other.csv', for which options are given" in message

@@ -104,32 +104,6 @@ def test_a_new_start_drops_the_stored_step_and_state_of_charge(run, stored, rewr
     assert given == rmse_v(run, stored, own, *start, "--initial-soc", "0.9") != from_the_voltage
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (("absent.json", BUNDLED.validation), "absent.json: cannot be read (No such file"),
-        (("{stored}", "backward.csv"), "backward.csv: row 1002: time"),
-        (
-            ("{stored}", BUNDLED.validation, "--current-sign", "discharge-positive"),
-            "validation.parquet: the sign was given as discharge-positive",
-        ),
-        (
-            ("{stored}", BUNDLED.validation, "--initial-soc", "other.csv=1"),
-            "an option is given for 'other.csv'; the record is validation.parquet",
-        ),
-        (
-            ("{stored}", BUNDLED.validation, "--voltage-lag", "other.csv=1"),
-            "no record is called 'other.csv', for which options are given; there are validation",
-        ),
-        (("{stored}",), "Missing argument"),
-    ],
-)
-def test_what_cannot_be_used_is_refused(refuse, stored, tmp_path, words, message):
-    record = pl.read_parquet(BUNDLED.validation)
-    pl.concat([record[1000:2000], record[:1000]]).write_csv(tmp_path / "backward.csv")
-    assert message in refuse("validate", *(stored if w == "{stored}" else w for w in words))
-
-
 def test_what_was_said_of_one_record_is_not_another_s(run, stored, drive, tmp_path):
     """A start that was given for all records of a run is not that of another record either."""
     document = json.loads(stored.read_text())

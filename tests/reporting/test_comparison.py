@@ -219,14 +219,6 @@ def test_a_comparison_s_report_has_every_part_the_verdict_first(comparison):
         assert part in text
 
 
-def test_a_comparison_without_a_single_answer_is_a_report_all_the_same():
-    document = comparison_document(make_comparison([make_failure("ls so-rc", "No.")]))
-    assert document.sections[0].blocks[0].items == (
-        "No row has an answer.",
-        "ls so-rc gave no answer: No.",
-    )
-
-
 def test_a_comparison_with_its_records_gives_figures_over_time_too(comparison, identified):
     rows = [replace(row, evaluations=(identified, identified)) for row in comparison.answered]
     ran = comparison.model_copy(update={"rows": tuple(rows)})

@@ -153,16 +153,6 @@ def test_every_other_verdict_is_the_golden_one():
     require_golden(GOLDEN / "verdicts.txt", "\n".join(told) + "\n")
 
 
-def test_a_guess_that_the_answer_depends_on_is_on_the_first_screen():
-    start = replace(STORED.start, direction=-1, direction_source="better fit", other_rmse_v=0.0312)
-    told = " ".join(screen(changed(STORED, start=start)).split())
-    assert (
-        "Assumed: the cell was last discharged before identification.parquet. If it was charged "
-        "(--initial-direction +1), the RMSE would be 31.20 mV." in told
-    )
-    assert "Assumed: the cell was last" not in " ".join(screen(STORED).split())
-
-
 def test_names_that_a_terminal_would_obey_are_shown_whole_in_80_columns():
     name = "a [bold]long[/bold] name \x1b[2J of a file " + 60 * "x" + ".csv"
     text = screen(changed(STORED, name=name))

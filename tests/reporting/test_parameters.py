@@ -6,7 +6,7 @@ import pytest
 
 import barnax
 from barnax.uncertainty import Estimate, Uncertainty
-from helpers.results import NODES, TABLE_OHM, make_result, make_table_result, with_constant
+from helpers.results import make_result, make_table_result, with_constant
 
 
 def with_intervals(r0_ohm, half_ohm, **given):
@@ -28,16 +28,6 @@ def test_the_intervals_of_constants_are_those_of_a_fit_of_one_node():
     assert (r0.value, r0.low, r0.high) == (0.05, 0.05 - 0.002, 0.05 + 0.002)
     assert r0.standard_error == pytest.approx(0.001)
     assert [(node.low, node.high) for node in fit.of_table("R1 [Ohm]")] == [(None, None)]
-
-
-def test_tables_have_a_row_a_node_and_null_where_no_sample_was_near():
-    frame = make_table_result().to_frame()
-    assert frame["SOC"].to_list() == list(NODES)
-    assert frame["R0 [Ohm]"].to_list() == list(TABLE_OHM[0])
-    assert frame["R2 high [Ohm]"].to_list()[:3] == [None, None, pytest.approx(0.032)]
-    assert frame["is visited"].to_list()[1:3] == [False, True]
-    assert frame["tau2 [s]"].unique().to_list() == [110.0]
-    assert "OCV correction low [V]" in frame.columns
 
 
 @pytest.mark.parametrize(

@@ -3,13 +3,9 @@
 import csv
 from types import SimpleNamespace
 
-import numpy as np
-import pytest
-
 from barnax.pulses import Pulse
-from barnax.reporting.parameters import tables_csv
 from barnax.reporting.pulses import middle_table, pulses_csv
-from helpers.results import NODES, TABLE_OHM, make_cell, make_table_result
+from helpers.results import make_cell
 
 
 def pulse(soc, current_a, resistance_ohm, **given):
@@ -51,18 +47,3 @@ def test_the_csv_has_every_pulse_and_leaves_empty_what_is_not_known():
     assert rows[0]["R(10 s) [Ohm]"] == "0.07"
     assert rows[0]["R(30 s) [Ohm]"] == ""
     assert [row["met a limit"] for row in rows] == ["0", "0", "1"]
-
-
-def test_the_csv_of_tables_has_every_node_with_its_interval():
-    rows = list(csv.DictReader(tables_csv(make_table_result().fits).decode().splitlines()))
-    own = [row for row in rows if row["table"] == "R0 [Ohm]"]
-    assert [float(row["SOC"]) for row in own] == list(NODES)
-    assert [float(row["value"]) for row in own] == list(TABLE_OHM[0])
-    assert (own[0]["low"], own[0]["visited"]) == ("", "0")
-    assert float(own[3]["low"]) < TABLE_OHM[0][3] < float(own[3]["high"])
-    assert rows[-4]["table"] == "tau2 [s]"
-    mean = rows[-3]
-    assert (mean["table"], mean["SOC"]) == ("mean R0 [Ohm]", "")
-    # Over the nodes from 10 to 100 % SOC.
-    assert float(mean["value"]) == pytest.approx(np.trapezoid(TABLE_OHM[0][2:], NODES[2:]) / 0.9)
-    assert float(mean["low"]) < float(mean["value"]) < float(mean["high"])

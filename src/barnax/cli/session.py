@@ -46,11 +46,11 @@ def as_flags(text: str) -> str:
     'more nodes (in plan.toml), or folds = 0 (in plan.toml)'
     """
 
-    def flag(found: re.Match[str]) -> str:
-        if found[1] in RESEARCH:
-            return f"{as_keys(found[0])} (in plan.toml)"
-        name = flag_of(found[1])
-        return name if found[2] is None else f"{name} {shlex.quote(found[2].strip(chr(39)))}"
+    def flag(match: re.Match[str]) -> str:
+        if match[1] in RESEARCH:
+            return f"{as_keys(match[0])} (in plan.toml)"
+        name = flag_of(match[1])
+        return name if match[2] is None else f"{name} {shlex.quote(match[2].strip(chr(39)))}"
 
     return OPTION.sub(flag, text)
 

@@ -168,12 +168,10 @@ def require_free(folder: Path, is_forced: bool) -> None:
             names = sorted(os.listdir(target))
             ours, _ = _ours_and_theirs(target)
             if names and ours.isdisjoint(_results_in(target)):
-                results = sorted(_results_in(target))
-                what = (
-                    f"{results[0]!r} was changed since" if results else f"holds {names[0]!r}, which"
-                )
-                words = "barnax wrote it" if results else "barnax did not write"
-                raise InputError(f"{folder}: {what} {words}; {another}")
+                words = f"holds {names[0]!r}, which barnax did not write"
+                if results := sorted(_results_in(target)):
+                    words = f"{results[0]!r} was changed since barnax wrote it"
+                raise InputError(f"{folder}: {words}; {another}")
             if names and not is_forced:
                 raise InputError(f"{folder}: holds a result; replace it with `force` or {another}")
 

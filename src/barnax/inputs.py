@@ -55,8 +55,7 @@ def read_inputs(
     tests show; over temperature those of each by themselves. `without_test` fits the cell of
     records that have no OCV test."""
     given, tests, others = (listed(several) for several in (job.records, job.ocv, job.validate))
-    cell, common = job.cell, window_of(job.window, "")
-    capacity = common.capacity_ah if job.capacity is None else job.capacity
+    cell, common, capacity = job.cell, window_of(job.window, ""), given_ah_of(job)
     if is_bundled := not given:
         if tests or others:
             raise InputError("give a record to identify on; `ocv` and `validate` need one")
@@ -310,6 +309,11 @@ def window_of(window: Windows, name: str) -> Window:
     """The window of a record: its own, else the common one."""
     known = windows_by_name(window)
     return known.get(name, known.get("")) or Window()
+
+
+def given_ah_of(job: "Job") -> float | None:
+    """The capacity in Ah that was given for all records, as an option or in the common window."""
+    return window_of(job.window, "").capacity_ah if job.capacity is None else job.capacity
 
 
 def require_records(given: Iterable[str], names: Collection[str]) -> None:

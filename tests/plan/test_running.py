@@ -127,7 +127,7 @@ def test_the_sampling_that_a_design_shows_is_of_its_own_logger_alone(tmp_path):
     given = [read_record(each, current_hold="centered") for each in job.records]
     assert [one.hold.value for one in given] == ["centered"]
     path.write_text(path.read_text().replace('"backward"', '"late"'))
-    with pytest.raises(InputError, match="sampling is 'late'; it takes forward, backward, cent"):
+    with pytest.raises(InputError, match="sampling is 'late'; give 'forward', 'backward' or 'cent"):
         plan_from_toml(path)
 
 
@@ -235,14 +235,17 @@ def test_a_file_of_the_name_that_is_not_the_planned_one_is_not_taken(tmp_path, m
         ("\ncapacity = x\n", r"\(error at line 2, column 12\)"),
         ("model = '2rc'\n", "plan.toml: model '2rc' is not known; there are iso-rc, so-rc"),
         ("method = 'varpro'\n", "plan.toml: method 'varpro' is not known; there are ibmo"),
-        ("ocv_fit = 'spline'\n", "ocv_fit 'spline' is not known; there are polynomial, interp"),
-        ("capacity = 'x'\n", "plan.toml: capacity is 'x'; it takes a number"),
+        ("ocv_fit = 'spline'\n", "ocv_fit is 'spline'; give 'polynomial' or 'interp"),
+        ("capacity = 'x'\n", "plan.toml: capacity is 'x'; give a valid number"),
         ("colour = 1\n", "'colour' is not a key of a plan"),
         ("command = 'fly'\n", "there are identify, hppc"),
         ("[[files]]\nrole = 'validation'\n", r"has no 'file'"),
         ("[[files]]\nfile = 'a'\nrole = 'other'\n", "there are identification, OCV test"),
         ("[[files]]\nfile = 'a'\nrole = 'validation'\n", "no file has the role identification"),
-        ("[[files]]\nfile = 'a'\nrole = 'validation'\nscore_steps = 7\n", "takes whole numbers"),
+        (
+            "[[files]]\nfile = 'a'\nrole = 'validation'\nscore_steps = 7\n",
+            "score_steps is 7; give a valid array",
+        ),
         (
             "[[files]]\nfile = 'a'\nrole = 'validation'\ninitial_soc = 7\n",
             "a: initial_soc 7.0 is not a fraction",

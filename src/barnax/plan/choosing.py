@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, counted, printable
-from ..execution import Watch, unwatched
-from ..inputs import listed, windows_by_name
-from ..model.window import Window, Windows
+from ..inputs import given_ah_of, listed, windows_by_name
+from ..job import Job, takes_options
 from ..notices import Notice
 from ..records import Given
 from ..records.source import files_of
@@ -45,32 +44,19 @@ MAKE_RECORD = (
 Chosen = Sequence[tuple[Files, OcvChoice | None]]
 
 
-def plan(
-    sources: Given | Sequence[Given],
-    *,
-    ocv: Given | Sequence[Given] = (),
-    validate: Given | Sequence[Given] = (),
-    over: str | None = None,
-    window: Windows = None,
-    capacity: float | None = None,
-    reading: Reading | None = None,
-    watch: Watch = unwatched,
-) -> Plan:
+@takes_options(Job)
+def plan(job: Job) -> Plan:
     """The plan for a folder or some files of one cell, with reasons; nothing is run.
 
     Records are combined only with an OCV test at the same temperature. If a test is missing, the
     plan says which.
 
     Args:
-        sources: A folder, or files.
+        records: A folder, or files.
         ocv: Files that are OCV tests; names alone are those of files in the folder.
         validate: Files to validate on, likewise.
         over: With "soc,temperature", and for a folder of pulse tests alone, one record at each
             temperature is identified, with the OCV test of its own where there is one.
-        window: What is given for the records, as in `identify`.
-        capacity: Capacity of the cell, in Ah.
-        reading: How files are read.
-        watch: Called for every stage, as in `identify`.
 
     Raises `InputError` if there is no such file or none can be read.
 
@@ -79,16 +65,16 @@ def plan(
     >>> [part.name for part in found.of_role("identification")]
     ['identification.parquet', 'validation.parquet']
     """
-    folders = [Path(source) for source in listed(sources) if isinstance(source, str | Path)]
+    folders = [Path(source) for source in listed(job.records) if isinstance(source, str | Path)]
     given, tests, others = (
-        files_of(listed(several), folders) for several in (sources, ocv, validate)
+        files_of(listed(several), folders) for several in (job.records, job.ocv, job.validate)
     )
     free = [file for file in given if not _places([file]) & _places([*tests, *others])]
     if not free and (twice := [file for file in given if _places([file]) & _places(others)]):
         raise Notice("role.given-twice", {"same": "name"}, Path(twice[0]).name).error()
-    windows = windows_by_name(window)
+    windows = windows_by_name(job.window)
     roles: dict[Use, Any] = {"identification": free, "OCV test": tests, "validation": others}
-    looked = look(roles, reading or Reading(), watch, windows)
+    looked = look(roles, job.part(Reading), job.watch, windows)
     free, tests, others = looked.values()
     if all(file.refusal for file in (*free, *tests, *others)):
         raise InputError("\n".join(str(file.refusal) for file in (*free, *tests, *others)))
@@ -96,10 +82,9 @@ def plan(
     for file in (*tests, *others):
         if file.refusal:
             raise file.refusal
-    with watch("Planning", 0):
+    with job.watch("Planning", 0):
         files = [*(part for file in free for part in split(file)), *tests, *others]
-        given = windows.get("", Window()) if capacity is None else Window(capacity_ah=capacity)
-        draft = Draft(files, given_ah=given.capacity_ah, is_over=over == OVER_TEMPERATURE)
+        draft = Draft(files, given_ah=given_ah_of(job), is_over=job.over == OVER_TEMPERATURE)
         return _decide(draft, tests, others)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args, get_type_hints
 
 import tomlkit
-from pydantic import TypeAdapter
+from pydantic import TypeAdapter, ValidationError
 
 from ..display import Brief
 from ..errors import InputError, as_keys, printable, toml_reason
@@ -21,7 +21,7 @@ from ..records import Given, Hold
 from ..records.log import NEXT_FILE
 from ..records.source import find_planned
 from ..result_parts import PlannedFile, Use
-from ..settings import WINDOW_OPTIONS, Window, choices_in
+from ..settings import WINDOW_OPTIONS, Window
 
 ROLES: tuple[Use, ...] = get_args(Use)
 # Those with a window.
@@ -167,22 +167,6 @@ _HEAD = (
 )
 
 
-# What a key of a plan takes, by its type or name; all others take a text.
-_WORDS: dict[Any, str] = {
-    int: "a whole number",
-    Literal[-1, 1]: "a whole number",
-    float: "a number",
-    bool: "true or false",
-    tuple[int, ...]: "whole numbers, as [7, 8]",
-    tuple[float, ...]: "numbers, as [0.1, 0.5, 1.0]",
-    tuple[float, float]: "two numbers, as [0.1, 1.0]",
-    "bounds": "the name of a file, or pairs of numbers by name",
-    "fix": "numbers by name",
-    "columns": "text in quotes, or texts by name",
-    "file": "text in quotes, or texts where a log was cut into several files",
-    "sampling": ", ".join(get_args(Hold)),
-    "voltage_lag": "a number, texts like FILE=0.3, or numbers by name of record",
-}
 # Options of a record, in the order of a `Window`, by the fields that they are.
 _OPTION_OF = {name: option for option, (name, *_) in WINDOW_OPTIONS.items()}
 _FIELD_OF = {_OPTION_OF[own.name]: own.name for own in fields(Window) if own.name in _OPTION_OF}
@@ -346,7 +330,7 @@ def _named(parts: tuple[Part, ...], place: Path) -> tuple[tuple[Part, ...], tupl
 
 
 def _read(shown: str, table: Mapping[str, Any], hints: Mapping[str, Any]) -> dict[str, Any]:
-    """The table's values as the types of their keys, strictly; of a choice any of its type."""
+    """The table's values as the types of their keys, strictly."""
     unknown = sorted(table.keys() - hints.keys())
     if unknown:
         raise InputError(
@@ -354,14 +338,14 @@ def _read(shown: str, table: Mapping[str, Any], hints: Mapping[str, Any]) -> dic
         )
     values = {}
     for key, value in table.items():
-        # A choice among the options is checked with the others.
-        hint, choices = hints[key], () if key in _FINDINGS else choices_in(hints[key])
-        kind = TypeAdapter(type(choices[0]) if choices else hint)
         try:
             # TOML has arrays for tuples, as JSON has.
+            kind = TypeAdapter(hints[key])
             values[key] = kind.validate_json(json.dumps(value), strict=True)
-        except (ValueError, TypeError) as problem:
-            named = (_WORDS[one] for one in (key, hint, *get_args(hint)) if one in _WORDS)
-            words = next(named, "text in quotes")
-            raise InputError(f"{shown}: {key} is {value!r}; it takes {words}") from problem
+        except ValidationError as problem:
+            wanted = " or ".join(dict.fromkeys(one["msg"] for one in problem.errors()))
+            wanted = wanted.replace("Input should be ", "")
+            raise InputError(f"{shown}: {key} is {value!r}; give {wanted}") from problem
+        except TypeError as problem:
+            raise InputError(f"{shown}: {key} is {value}, a date; put it in quotes") from problem
     return values

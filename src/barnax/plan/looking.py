@@ -193,15 +193,14 @@ def _whole_logs(
     files: Sequence[CandidateFile], named: Collection[str], common: Window
 ) -> Iterator[CandidateFile]:
     """The files, those that continue each other under load as one; each by itself where several may
-    continue it, or where its name is among those `named`."""
-    kinds = ("slow sweep", "OCV test")
+    continue it, where its name is among those `named`, or where they make no record together."""
     pieces = [
         file
         for file in files
         if file.is_record
         and os.path.isfile(file.path)
         and file.name not in named
-        and file.kind(None) not in kinds
+        and file.kind(None) not in ("slow sweep", "OCV test")
     ]
     pairs = [
         (one, other, evidence)
@@ -212,28 +211,22 @@ def _whole_logs(
     after = Counter(one for one, _, _ in pairs)
     following = {one: (other, why) for one, other, why in pairs if before[other] == after[one] == 1}
     later = {other for other, _ in following.values()}
-    for file in files:
-        if file not in later:
-            yield from _joined_log(file, following, common)
+    for first in files:
+        log, evidence = [first], list[str]()
+        while log[-1] in following:
+            other, why = following[log[-1]]
+            log.append(other)
+            evidence.append(why)
+        if first not in later:
+            yield from _as_one(log, "; ".join(evidence), common) if evidence else log
 
 
-def _joined_log(
-    first: CandidateFile,
-    following: Mapping[CandidateFile, tuple[CandidateFile, str]],
-    common: Window,
-) -> list[CandidateFile]:
-    """The log that a file begins; its files where they make no record together."""
-    log, reasons = [first], list[str]()
-    while log[-1] in following:
-        other, why = following[log[-1]]
-        log.append(other)
-        reasons.append(why)
-    if not reasons:
-        return log
+def _as_one(log: Files, evidence: str, common: Window) -> Files:
     try:
         source = joined([file.known_source for file in log])
-        whole = replace(first, name=source.name, source=source, evidence="; ".join(reasons))
-        checked = _checked(replace(whole, more=tuple(file.path for file in log[1:]), chosen=common))
+        more = tuple(file.path for file in log[1:])
+        whole = replace(log[0], name=source.name, source=source, more=more, evidence=evidence)
+        checked = _checked(replace(whole, chosen=common))
     except InputError:
         return log
     return log if checked.refusal else [checked]

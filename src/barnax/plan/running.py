@@ -18,6 +18,7 @@ from ..errors import InputError
 from ..execution import unwatched
 from ..inputs import (
     file_names,
+    given_ah_of,
     how_read,
     listed,
     numbered,
@@ -61,10 +62,7 @@ def plan_of(job: Job) -> Plan | None:
     are_told = not any(map(os.path.isdir, paths)) and listed(job.ocv)
     if are_told or job.cell is not None or len(paths) < len(given):
         return plan_given(job)
-    return plan(
-        given, ocv=job.ocv, validate=job.validate, over=job.over, window=job.window,
-        capacity=job.capacity, reading=job.part(Reading), watch=job.watch,
-    )  # fmt: skip
+    return plan(job)
 
 
 def plan_given(job: Job, command: Literal["identify", "hppc"] = "identify") -> Plan:
@@ -91,8 +89,7 @@ def plan_given(job: Job, command: Literal["identify", "hppc"] = "identify") -> P
             # What the checks alone refuse can be read.
             read_ocv_test(file.known_source, **file.how)
     tests = [file for file in looked["OCV test"] if not file.refusal]
-    given_ah = windows.get("", Window()).capacity_ah if job.capacity is None else job.capacity
-    draft, choices = Draft([*of_role], given_ah=given_ah), dict[CandidateFile, OcvChoice]()
+    draft, choices = Draft([*of_role], given_ah=given_ah_of(job)), dict[CandidateFile, OcvChoice]()
     for file, role in of_role.items():
         if command == "hppc" and role == "identification":
             draft.starts[file] = Started(file.chosen)
@@ -201,12 +198,10 @@ def prepare_pulse_tests(job: Asked) -> Asked:
         chosen = windows_by_name(job.window)
         by_degc, cell = group_near((_degc(test, chosen), test) for test in tests), None
         if not listed(job.ocv):
-            given_ah = chosen.get("", Window()).capacity_ah
-            given_ah = given_ah if job.capacity is None else job.capacity
             # A polynomial would swing between ten points, whatever was asked for.
             fit: dict[str, Any] = {"ocv_fit": "interpolated"}
             records = {degc: [alike[0].record] for degc, alike in by_degc.items()}
-            cell = characterize_over_temperature(records, capacity_ah=given_ah, **fit)
+            cell = characterize_over_temperature(records, capacity_ah=given_ah_of(job), **fit)
             sources = [alike[0].source for alike in by_degc.values()]
             job = job.changed(ocv=sources, ocv_current_sign=job.current_sign, **fit)
         # From the rest before the first pulse on, but where something else is chosen.

@@ -197,8 +197,8 @@ def _fitted(setup: Setup) -> TableFits:
         objective = setup.chosen.objective
         records = objective.prepared_records
         fit = fit_of(objective, certify(objective, setup.chosen.best))
-        own = compare_ocv(records, fit, objective.settings)
-        fits = TableFits((replace(fit, own_ocv=own),), settings=setup.tables)
+        compared = compare_ocv(records, fit, objective.settings)
+        fits = TableFits((replace(fit, own_ocv=compared),), settings=setup.tables)
     groups = [records]
     if fits.over_temperature is not None:
         groups = [group for _, group in sorted(group_by_temperature(records).items())]
@@ -277,8 +277,8 @@ def _others(
 
 def _late_ohm(problem: Problem) -> list[float]:
     """R0 with what comes late, of the records that show it."""
-    known = (answers_ohm(prepared.record) for prepared in problem.prepared_records)
-    return [ohm for ohm in map(late_r0_ohm, known) if ohm is not None]
+    answers = (answers_ohm(prepared.record) for prepared in problem.prepared_records)
+    return [ohm for ohm in map(late_r0_ohm, answers) if ohm is not None]
 
 
 def _resampled(problem: Problem, circuit: CircuitParameters) -> CircuitParameters | None:

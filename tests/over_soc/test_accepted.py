@@ -75,7 +75,6 @@ def test_held_out_blocks_have_the_accepted_errors(measured):
     fit = fit_tables(measured[:1], TableSettings(max_boxes=0, rising_ocv=False, block_s=400.0))
     assert fit.cross_validation is not None
     assert in_mv([fit.cross_validation.tables]) == pytest.approx((13.819, 1.583), rel=1e-3)
-    assert fit.cross_validation.tables.above_v < 0.4 * fit.cross_validation.constant.above_v
 
 
 @pytest.mark.slow

@@ -137,8 +137,7 @@ def test_backticks_hold_options_of_python_and_nothing_else(make):
 
 def test_the_next_step_follows_from_what_was_held_out():
     result = make_table_result()
-    errors = {"constant": SocErrors(0.0245, None), "tables": SocErrors(0.0091, None)}
-    held = SimpleNamespace(**errors, by_record=(), whole=errors["tables"])
+    held = SimpleNamespace(by_record=(), whole=SocErrors(0.0091, None))
     fit = replace(result.fit, cross_validation=held)
     found = result.model_copy(update={"tables": replace(result.tables, fits=(fit,))})
     assert next_step(found).advice.startswith("validate on another record")
@@ -153,7 +152,7 @@ def test_the_next_step_follows_from_what_was_held_out():
     for warnings, advised in (((short, told), record), ((unfit, told), ocv), ((unfit,), record)):
         step = next_step(found.model_copy(update={"warnings": warnings}))
         assert step.advice.startswith(advised)
-    missed = SimpleNamespace(**errors, by_record=(), whole=errors["constant"])
+    missed = SimpleNamespace(by_record=(), whole=SocErrors(0.0245, None))
     lost = replace(fit, cross_validation=missed)
     lost = found.model_copy(update={"tables": replace(found.tables, fits=(lost,))})
     assert "the error on blocks held out is 24.50 mV, on what was fitted 4.90 mV" in (

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import csr_array
 
-from ..cell.parameters import ANYWHERE, OCV
+from ..cell.parameters import OCV
 from ..cell.soc_axis import is_above
 from ..execution import in_float64
 from ..model.box_least_squares import least_in_box
@@ -21,7 +21,6 @@ from .problem import (
     BANDS,
     are_left_out_whole,
     block_length_s,
-    find_best,
     held_at,
     numbered_blocks,
     reduced_objective,
@@ -64,7 +63,6 @@ class CrossValidation:
         block_s: Length of the blocks of the first record; None of kept records, which are left out
             whole.
         tables: Errors of the tables on blocks that were held out of them.
-        constant: Those of the same circuit with one value for every SOC and no OCV correction.
         by_record: Errors of the tables on each record under load, left out whole: every record,
             the others too, from its start as given.
     """
@@ -72,7 +70,6 @@ class CrossValidation:
     folds: int
     block_s: float | None
     tables: SocErrors
-    constant: SocErrors
     by_record: tuple[SocErrors, ...] = ()
 
     @property
@@ -110,21 +107,20 @@ def cross_validate(objective: TableObjective, best: Solution) -> CrossValidation
 
     None where nothing is held out, or where all samples lie in one fold.
     """
-    tables = constant = _held_out_errors(objective, best)
-    if tables is None:
+    groups = _Groups.of(objective, best)
+    labels = groups.record if objective.is_kept else groups.fold
+    if not groups.are_apart(labels):
         return None
-    if objective.tables > 1 + objective.pairs or objective.nodes > 1:
-        plain = replace(objective.settings, nodes=ANYWHERE, ocv_correction=False)
-        flat = replace(objective, reduced=objective.reduced.coarser(), settings=plain)
-        constant = _held_out_errors(flat, find_best(flat))
+    # An OCV of kept records is told by the others, for there are several.
+    squares_v2, counts = groups.held_out(labels, has_ocv_of_all=not objective.is_kept)
+    tables = SocErrors.of_squares(squares_v2.sum(axis=0), counts.sum(axis=0))
     records, block_s, by_record = objective.prepared_records, None, ()
     if not objective.is_kept:
         block_s = block_length_s(records[0], objective.settings)
     if objective.is_kept or are_left_out_whole(records):
         groups = _Groups.of(_as_given(objective, best), best)
         by_record = _by_record(groups.held_out(groups.record))
-    folds = objective.settings.folds
-    return CrossValidation(folds, block_s, tables, constant or tables, by_record)
+    return CrossValidation(objective.settings.folds, block_s, tables, by_record)
 
 
 def _as_given(objective: TableObjective, best: Solution) -> TableObjective:
@@ -170,16 +166,6 @@ def held_out(
                 squares_v2[band] += np.bincount(number[in_band], error_v[in_band] ** 2, count)
                 counts[band] += np.bincount(number[in_band], minlength=count)
     return HeldOut(squares_v2.T, counts.T)
-
-
-def _held_out_errors(objective: TableObjective, best: Solution) -> SocErrors | None:
-    groups = _Groups.of(objective, best)
-    labels = groups.record if objective.is_kept else groups.fold
-    if not groups.are_apart(labels):
-        return None
-    # An OCV of kept records is told by the others, for there are several.
-    squares_v2, counts = groups.held_out(labels, has_ocv_of_all=not objective.is_kept)
-    return SocErrors.of_squares(squares_v2.sum(axis=0), counts.sum(axis=0))
 
 
 def record_errors(objective: TableObjective, best: Solution) -> tuple[SocErrors, ...]:

@@ -72,14 +72,11 @@ def made(
     at = 1300 if charge else 0
     soc = start - (out_ah - out_ah[at]) / capacity_ah
 
-    def response(time_s, current_a, tau, hold):
-        return filtered_response(interval_s, current_a, tau, hold)
-
     degc, ohmic_a, through_a = None, current_a, current_a
     if driven is not None:
         degc, ohmic_a, through_a = driven(time_s, current_a)
     voltage_v = ocv_v(soc) - R0_OHM * ohmic_a
-    voltage_v -= drop_v(response, time_s, through_a, (0.0, R_OHM, TAU_S))
+    voltage_v -= drop_v(filtered_response, interval_s, through_a, (0.0, R_OHM, TAU_S))
     if charge:
         held = np.arange(len(soc)) < 1000
         voltage_v = np.where(held, 4.25, voltage_v)

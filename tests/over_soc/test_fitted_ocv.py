@@ -9,7 +9,7 @@ from benchmarks.operation import KINDS, NOISE_V, NOMINAL_AH, Cell
 
 import barnax
 from barnax.bundled import BUNDLED
-from barnax.cell import OcvPoint, OcvTable, characterize
+from barnax.cell import characterize
 from barnax.cell.parameters import OCV
 from barnax.errors import InputError
 from barnax.export.tables import tables_of
@@ -21,7 +21,7 @@ from barnax.records import read_record
 from barnax.records.record import in_means
 from barnax.reporting.identification import identification_document
 from barnax.settings import NODES
-from helpers.known_cell import FEW_NODES, R0_OHM, R_OHM, SMALL, TAU_S, made, ocv_v
+from helpers.known_cell import FEW_NODES, R0_OHM, R_OHM, SMALL, TAU_S, cell_with_ocv, made, ocv_v
 from helpers.own_ocv import fit_with_ocv
 from helpers.reference import filtered_response, make_record
 
@@ -490,20 +490,9 @@ def test_nodes_of_the_ocv_without_samples_are_told_where_resistances_have_one_va
 @pytest.mark.slow
 def test_one_node_beside_an_ocv_test_is_the_constant_circuit():
     record, _ = made(1, hours=0.6, noise_v=1e-3)
-    soc = np.linspace(0, 1, 101)
-    points = tuple(
-        OcvPoint(at, volt, "ocv.csv", 0, 0.0) for at, volt in zip(soc, ocv_v(soc), strict=True)
-    )
-    result = barnax.identify(
-        record,
-        ocv=[OcvTable("ocv.csv", {0: points}, sha256="")],
-        window=FROM_FULL,
-        bounds={"tau2 [s]": (60.0, TAU_S[1] / 2)},
-        over="soc",
-        nodes=(0.5,),
-        folds=0,
-        **FAST,
-    )
+    slow = {"bounds": {"tau2 [s]": (60.0, TAU_S[1] / 2)}}
+    given = {"cell": cell_with_ocv(), "window": FROM_FULL, "over": "soc", "nodes": (0.5,)}
+    result = barnax.identify(record, **given, **slow, folds=0, **FAST)
     assert (result.over, result.tables) == (None, None)
     assert result.parameters["R0 [Ohm]"] == pytest.approx(R0_OHM, rel=0.02)
     assert len(result.fit.tables.nodes) == 1

@@ -53,11 +53,7 @@ def test_a_charge_beside_a_drive_leaves_blocks_out_and_not_the_drive(records):
     time_s = 4.0 * np.arange(3000)
     current_a = np.where(time_s > 60, -0.55, 0.0)
     soc = 0.05 + np.append(0.0, np.cumsum(-current_a[:-1] * 4.0)) / 7200
-
-    def response(time_s, current_a, tau, hold):
-        return filtered_response(4.0, current_a, tau, hold)
-
-    voltage_v = ocv_v(soc) - drop_v(response, time_s, current_a, (R0_OHM, R_OHM, TAU_S))
+    voltage_v = ocv_v(soc) - drop_v(filtered_response, 4.0, current_a, (R0_OHM, R_OHM, TAU_S))
     charge = make_record(time_s, current_a, voltage_v, name="charge.csv")
     windows = {
         records[0].name: Window(initial_soc=1.0, capacity_ah=2.0),
@@ -156,11 +152,7 @@ def emptied():
     time_s = interval_s * np.arange(len(current_a))
     out_ah = np.append(0.0, np.cumsum(current_a[:-1] * interval_s)) / 3600
     capacity_ah = float(out_ah[-1]) / 0.985
-
-    def response(time_s, current_a, tau, hold):
-        return filtered_response(interval_s, current_a, tau, hold)
-
-    drop = drop_v(response, time_s, current_a, (R0_OHM, R_OHM, TAU_S))
+    drop = drop_v(filtered_response, interval_s, current_a, (R0_OHM, R_OHM, TAU_S))
     voltage_v = flat_v(1 - out_ah / capacity_ah) - drop
     return make_record(time_s, current_a, voltage_v, name="emptied.csv"), capacity_ah
 

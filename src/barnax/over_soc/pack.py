@@ -127,10 +127,8 @@ def fit_pack(
     pack = reduced_objective([prepared], settings, held, beside_v=sides_v)
     count, log_scales = 1 + len(names), tuple(math.log(low) for low, _ in held.values())
     parts = [replace(pack, reduced=pack.reduced.side(side)) for side in range(count)]
-    optima = [objective.solve(log_scales, exact=True) for objective in parts]
-    light = [
-        unsmoothed(objective, start)[1] for objective, start in zip(parts, optima, strict=True)
-    ]
+    optima = [one.solve(log_scales, exact=True) for one in parts]
+    light = [unsmoothed(one, start)[1] for one, start in zip(parts, optima, strict=True)]
     lighter = replace(parts[0], smoothing_scale=LIGHT)
     others = np.eye(len(lighter.axes) + len(lighter.numbers))
     values = np.column_stack([np.concatenate(solution.values) for solution in light])
@@ -217,17 +215,15 @@ def _directions(
     chosen = is_middle if np.any(is_middle) else visited
     mean_of = chosen / chosen.sum()
     size = sum(len(nodes) for nodes in pack.nodes_of)
-    by_name = {name: np.zeros(size) for name in QUANTITIES}
-    by_name[R0][pack.block(0)] = mean_of
+    sums = {name: np.zeros(size) for name in QUANTITIES}
+    sums[R0][pack.block(0)] = mean_of
     table = 1 + pack.pairs
     places, ocv_nodes = pack.block(table), pack.nodes_of[table]
     low = float(nodes[chosen][0])
     for resistance in range(table):
-        by_name[TOTAL][pack.block(resistance)] = mean_of
-        by_name[LOADED][pack.block(resistance)] = -prepared.capacity_ah * (nodes == low)
-    by_name[LOADED][places] = np.array(
-        [np.interp(low, ocv_nodes, e) for e in np.eye(len(ocv_nodes))]
-    )
+        sums[TOTAL][pack.block(resistance)] = mean_of
+        sums[LOADED][pack.block(resistance)] = -prepared.capacity_ah * (nodes == low)
+    sums[LOADED][places] = np.array([np.interp(low, ocv_nodes, e) for e in np.eye(len(ocv_nodes))])
 
     seen = np.flatnonzero(pack.visited_of(table))
     ocv_v = prepared.cell.average_ocv_v(ocv_nodes) + mean.values[table]
@@ -238,5 +234,5 @@ def _directions(
     weight = np.where(variance > 0, 1 / np.sqrt(np.where(variance > 0, variance, 1.0)), 0.0)
     estimator = np.linalg.pinv(design * weight[:, None]) * weight
     for name, row in zip((SHIFT, CAPACITY), estimator, strict=True):
-        by_name[name][places.start + seen] = row
-    return low, by_name
+        sums[name][places.start + seen] = row
+    return low, sums

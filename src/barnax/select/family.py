@@ -100,10 +100,8 @@ class Limits:
 
     def without_rate(self, point: Point) -> Point:
         """The circuit of as many pairs without the hysteresis."""
-        circuits = (
-            name for name, to in self.richer.items() if to.get("hysteresis") == point.circuit
-        )
-        *_, circuit = circuits
+        names = (name for name, to in self.richer.items() if to.get("hysteresis") == point.circuit)
+        *_, circuit = names
         return replace(point, circuit=circuit)
 
     def settings_of(self, point: Point, settings: TableSettings) -> TableSettings:

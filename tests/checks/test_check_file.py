@@ -54,22 +54,6 @@ def test_many_faults_are_all_found_at_once(tmp_path):
     assert severities == sorted(severities, key=["error", "warning", "note"].index)
 
 
-def test_rows_are_the_file_s_own_below_a_preamble(tmp_path):
-    text = "Tester 7\nChannel 3\n\n" + changed(frame(), TIME, 12.5, [500]).write_csv()
-    (tmp_path / "cell.csv").write_text(text)
-    (clock,) = [finding for finding in check_file(tmp_path / "cell.csv").findings if finding.counts]
-    assert clock.row == 505
-    assert text.splitlines()[clock.row - 1].startswith("12.5,")
-
-
-def test_two_columns_of_one_used_name_are_a_warning(tmp_path):
-    lines = frame()[:500].write_csv().splitlines()
-    rows = [f"{line},{number}" for number, line in enumerate(lines)]
-    rows[0] = f"{TIME},{CURRENT},{VOLTAGE},{VOLTAGE}"
-    (tmp_path / "cell.csv").write_text("\n".join(rows))
-    assert counting(check_file(tmp_path / "cell.csv")) == {"columns": "warning"}
-
-
 @pytest.mark.parametrize("name", ["cell.xls", "cell.parquet"])
 def test_a_suffix_that_lies_is_a_note(tmp_path, name):
     (tmp_path / name).write_text(frame().write_csv())

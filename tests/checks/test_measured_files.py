@@ -52,11 +52,6 @@ def usable(outcome):
     return [role.name for role in outcome.roles if role.is_usable]
 
 
-def window(outcome):
-    (role,) = [role for role in outcome.roles if role.name == "identification"]
-    return role.window
-
-
 def test_a_measured_file_has_the_findings_it_should_have_and_no_others(checks):
     counted = {file: counting(outcome) for file, outcome in checks.items()}
     assert {file: found for file, found in counted.items() if found} == FINDINGS
@@ -73,37 +68,6 @@ def test_every_finding_and_role_is_worded_as_it_was_written_down(checks):
             verdict = "yes" if role.is_usable else "no"
             lines.append(f"  {role.name}: {verdict}, {role.reason}{options}")
     require_golden(Path(__file__).with_name("measured.txt"), "\n".join(lines) + "\n")
-
-
-def test_a_calce_drive_test_is_cut_to_its_profile(checks):
-    for file in DRIVES + RAW_DRIVES:
-        assert usable(checks[file]) == ["identification", "validation"]
-        assert window(checks[file]).options == {
-            "start_after_step": 3,
-            "initial_soc": 1,
-            "score_steps": (7, 8),
-        }
-        assert checks[file].facts.current_hold == "backward"
-
-
-def test_what_each_other_file_serves_as(checks):
-    serves = {file: usable(checks[file]) for file in FILES if file not in DRIVES + RAW_DRIVES}
-    drive = ["identification", "validation"]
-    assert {file: roles for file, roles in serves.items() if roles} == {
-        LOW_CURRENT: ["OCV test"],
-        INCREMENTAL: ["OCV test", *drive],
-        OCV[0]: ["OCV test"],
-        OCV[2]: ["OCV test"],
-        DYNAMIC[0]: drive,
-        LEAVES[0]: ["OCV test", *drive],
-        LEAVES[1]: ["validation"],
-        LEAVES[2]: ["validation"],
-        RAW[4]: ["validation"],
-        # Three steps agree; what R0 is between them, a validation need not tell.
-        PART3: ["validation"],
-        RAW[2]: ["validation"],
-    }
-    assert window(checks[DYNAMIC[0]]).options == {}
 
 
 @pytest.mark.slow

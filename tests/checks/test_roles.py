@@ -16,73 +16,62 @@ def roles(outcome):
     return {role.name: role for role in outcome.roles}
 
 
-@pytest.mark.parametrize("noise_v", [0.0, 1e-4])
-def test_a_voltage_that_never_moves_is_named_and_not_the_current(tmp_path, noise_v):
-    """Nor one that stands still but for a digit of noise."""
-    stuck = 3.7 + noise_v * (pl.int_range(pl.len()) % 2)
-    outcome = checked(tmp_path, frame("identification").with_columns(stuck.alias(VOLTAGE)))
-    assert "voltage-unit.constant" in {finding.code for finding in outcome.findings}
-    found = roles(outcome)
-    for role in ("identification", "validation"):
-        assert (found[role].is_usable, found[role].reason) == (False, "every voltage is 3.7 V")
-        assert found[role].half_width is None
-    assert outcome.traits.kind(2.0) == outcome.traits.kind(None) == "no test"
-
-
-def test_an_ocv_test_of_one_voltage_is_none(tmp_path):
-    table = frame("ocv_charge").with_columns(pl.lit(3.7).alias(VOLTAGE))
-    found = roles(checked(tmp_path, table))["OCV test"]
-    assert not found.is_usable
-    assert "every voltage is 3.7 V" in found.reason
-    # It is no pulse test either.
-    with pytest.raises(InputError, match=r"every voltage in .* is 3.7 V"):
-        barnax.hppc(table)
-
-
-@pytest.mark.parametrize("name", ["identification", "validation"])
-def test_a_drive_record_serves_to_identify_and_to_validate(name):
-    found = roles(check_file(bundled_file(name)))
-    assert [found[role].is_usable for role in found] == [False, True, True]
-    assert "its longest rest is" in found["OCV test"].reason
-    assert "it starts at rest" in found["identification"].reason
-    assert found["identification"].window.options == {}
+@pytest.mark.parametrize(
+    ("name", "capacity_ah", "usable", "role", "words"),
+    [
+        ("identification", None, "identification, validation", "identification", "starts at rest"),
+        ("validation", None, "identification, validation", "OCV test", "its longest rest is"),
+        (
+            "ocv_charge",
+            None,
+            "OCV test, identification, validation",
+            "OCV test",
+            "charge with 21 rests",
+        ),
+        (
+            "ocv_discharge",
+            None,
+            "OCV test, identification, validation",
+            "OCV test",
+            "with 22 rests",
+        ),
+        ("ocv_discharge", 1.0, "identification, validation", "OCV test", "capacity 1 Ah was given"),
+        ("identification", 100.0, "", "identification", "1.9 % of the capacity"),
+    ],
+)
+def test_a_bundled_record_serves_as_what_it_is(name, capacity_ah, usable, role, words):
+    outcome = check_file(bundled_file(name), capacity_ah=capacity_ah)
+    assert ", ".join(role.name for role in outcome.roles if role.is_usable) == usable
+    assert words in roles(outcome)[role].reason
+    assert not any(one.window.options for one in outcome.roles if one.window)
 
 
 @pytest.mark.parametrize(
-    ("name", "words"), [("ocv_charge", "charge with 21 rests"), ("ocv_discharge", "with 22 rests")]
+    ("name", "noise_v"), [("identification", 0.0), ("identification", 1e-4), ("ocv_charge", 0.0)]
 )
-def test_a_pulse_test_serves_as_ocv_test(name, words):
-    found = roles(check_file(bundled_file(name)))
-    assert found["OCV test"].is_usable
-    assert words in found["OCV test"].reason
-    assert "one direction only" in found["OCV test"].reason
+def test_a_voltage_that_never_moves_is_named_and_not_the_current(tmp_path, name, noise_v):
+    """Nor one that stands still but for a digit of noise."""
+    stuck = 3.7 + noise_v * (pl.int_range(pl.len()) % 2)
+    table = frame(name).with_columns(stuck.alias(VOLTAGE))
+    outcome = checked(tmp_path, table)
+    assert "voltage-unit.constant" in {finding.code for finding in outcome.findings}
+    for role in outcome.roles[name == "identification" :]:
+        assert (role.is_usable, role.half_width) == (False, None)
+        assert "every voltage is 3.7 V" in role.reason
+    assert outcome.traits.kind(2.0) == outcome.traits.kind(None) == "no test"
+    # It is no pulse test either.
+    with pytest.raises(InputError, match=r"every voltage in .* is 3\.7"):
+        barnax.hppc(table)
 
 
 def test_a_slow_sweep_is_an_ocv_test_and_nothing_else(tmp_path):
     hours = np.arange(0, 20, 0.01)
     table = logged(hours * 3600, 0 * hours - 0.1, 4.1 - 0.05 * hours)
-    found = roles(checked(tmp_path, table))
-    assert found["OCV test"].is_usable
-    assert "slow discharge, 1.999 Ah" in found["OCV test"].reason
-    assert not found["identification"].is_usable
-    assert not found["validation"].is_usable
-
-
-def test_an_ocv_test_of_another_capacity_is_refused_as_such():
-    found = roles(check_file(bundled_file("ocv_discharge"), capacity_ah=1.0))
-    assert not found["OCV test"].is_usable
-    assert "capacity 1 Ah was given" in found["OCV test"].reason
-
-
-def test_a_record_of_little_charge_does_not_serve_to_identify():
-    found = roles(check_file(bundled_file("identification"), capacity_ah=100.0))
-    assert "1.9 % of the capacity" in found["identification"].reason
-
-
-def test_a_record_without_steps_does_not_serve_to_identify(tmp_path):
-    time_s = 1.0 * np.arange(300)
-    found = roles(checked(tmp_path, logged(time_s, 0 * time_s - 1.0, 4.0 - 1e-4 * time_s)))
-    assert "do not determine R0; 33 % is needed" in found["identification"].reason
+    outcome = checked(tmp_path, table)
+    assert [role.is_usable for role in outcome.roles] == [True, False, False]
+    assert "slow discharge, 1.999 Ah" in roles(outcome)["OCV test"].reason
+    short = roles(checked(tmp_path, table[:30]))["identification"].reason
+    assert "do not determine R0; 33 % is needed" in short
 
 
 @pytest.mark.parametrize(("pulses", "serves"), [(1, False), (6, True)])

@@ -20,7 +20,6 @@ from helpers.records import (
     VOLTAGE,
     arbin_rows,
     changed,
-    frame,
     parquet,
     pulse_frame,
     read,
@@ -75,14 +74,7 @@ REFUSED = {
         b"t,"
     ),
     "dates": csv(FRAME.with_columns(pl.lit("2020-01-01 00:00:00").alias(TIME))),
-    "a stamp backward": csv(one(TIME, 50, 12.5)),
-    "milliamperes": scaled(CURRENT, 1000),
     "milliamperes by the counters": counted_milliamperes(),
-    "millivolts": scaled(VOLTAGE, 1000),
-    "kilovolts": scaled(VOLTAGE, 1e-3),
-    "a module": scaled(VOLTAGE, 12),
-    "a reversed voltage": scaled(VOLTAGE, -1),
-    "hours": csv(frame().with_columns(pl.col(TIME) / 3600)),
     "no time": csv(FRAME.with_columns(pl.col(TIME) * 1e-12)),
     "nothing": b"",
     "blank lines": b"\n\n  \n",
@@ -104,8 +96,6 @@ TOLD = {
     "milliamperes of a slow sweep": csv(pl.DataFrame(SWEEP)),
     "a row cut off": csv(SHORT) + b"20.0,-0.1",
     "nothing but rest": scaled(CURRENT, 0),
-    "units to convert": csv(FRAME.rename({TIME: "Time [min]", CURRENT: "Current [mA]"})),
-    "no units": csv(FRAME.rename({TIME: "time", CURRENT: "current", VOLTAGE: "voltage"})),
     "a temperature with a gap": csv(
         SHORT.with_columns(pl.Series("Temperature / degC", [25.0] * 19 + [None]))
     ),
@@ -115,8 +105,6 @@ TOLD = {
         pl.concat([FRAME[:5], FRAME[4:5].with_columns(pl.col(VOLTAGE) + 0.001), FRAME[5:]])
     ),
     "a stamp twice": csv(one(TIME, 5, 4.0)),
-    "an odd voltage": csv(one(VOLTAGE, 3, 0.01)),
-    "rows above the names": b"Tester: 7, channel 3\nby hand\n\n" + csv(FRAME),
     "other sheets": workbook({"Info": [["REPORT"]], "Channel_1-001": ROWS, "Chart": []}),
     "a column twice": csv(SHORT).replace(b"\n", b",1\n").replace(b"V,1", f"V,{VOLTAGE}".encode()),
     "another sign than the names": scaled(CURRENT, -1),

@@ -105,13 +105,6 @@ def test_a_broken_promise_of_the_names_is_a_warning(tmp_path, promised):
     assert promised in {each.values.get("promised") for each in record.warnings}
 
 
-@pytest.mark.parametrize("sign", SIGNS)
-def test_discharge_is_positive_inside_whatever_the_file_says(tmp_path, sign):
-    current = pulses_a(300)
-    record = read_record(written(tmp_path, current, simulated_cell(current), sign))
-    np.testing.assert_array_equal(record.current_a, current)
-
-
 def test_a_sign_given_against_weak_evidence_is_taken_with_a_warning(tmp_path):
     current = np.zeros(100)
     current[50:54] = 1.0

@@ -7,7 +7,7 @@ from scipy.signal import lfilter
 
 from barnax import InputError
 from barnax.checks import check_file
-from barnax.records import read_record, record_from_frame
+from barnax.records import record_from_frame, source_from_frame
 from barnax.records.record import in_means
 from helpers.known_cell import R0_OHM, R_OHM, TAU_S, ocv_v
 from helpers.problems import drive_a
@@ -39,8 +39,9 @@ def drive(rests=60, resting_s=(5, 900), seed=0):
     return np.arange(len(current_a), dtype=float), current_a, voltage_v
 
 
-def table(time_s, current_a, voltage_v):
-    return {"Time [s]": time_s, "Current [A]": -current_a, "Voltage [V]": voltage_v}
+def table(time_s, current_a, voltage_v, is_written=slice(None)):
+    columns = {"Time [s]": time_s, "Current [A]": -current_a, "Voltage [V]": voltage_v}
+    return pl.DataFrame({name: values[is_written] for name, values in columns.items()})
 
 
 @pytest.mark.parametrize(("rests", "resting_s"), [(60, (5, 900)), (4, (600, 3000))])
@@ -49,9 +50,7 @@ def test_gaps_of_a_logger_that_writes_nothing_at_rest_are_rests(rests, resting_s
     time_s, current_a, voltage_v = drive(rests, resting_s)
     voltage_v = resolution_v * np.round(voltage_v / resolution_v)
     is_written = current_a != 0
-    record = record_from_frame(
-        table(time_s[is_written], current_a[is_written], voltage_v[is_written])
-    )
+    record = record_from_frame(table(time_s, current_a, voltage_v, is_written))
     assert np.sum(record.flowing < 1) > 0.9 * rests
     assert record.discharged_ah[-1] == pytest.approx(np.sum(current_a) / 3600, rel=0.01)
     # What the rows alone would tell.
@@ -59,13 +58,11 @@ def test_gaps_of_a_logger_that_writes_nothing_at_rest_are_rests(rests, resting_s
     assert abs(held_ah / record.discharged_ah[-1] - 1) > 0.2
 
 
-def test_a_logger_that_writes_nothing_at_rest_is_told(tmp_path):
+def test_a_logger_that_writes_nothing_at_rest_is_told():
     time_s, current_a, voltage_v = drive()
     is_written = current_a != 0
-    rows = table(time_s[is_written], current_a[is_written], voltage_v[is_written])
-    path = tmp_path / "log.csv"
-    pl.DataFrame(rows).write_csv(path)
-    findings = check_file(path, capacity_ah=CAPACITY_AH).findings
+    source = source_from_frame(table(time_s, current_a, voltage_v, is_written), "log")
+    findings = check_file(source, capacity_ah=CAPACITY_AH).findings
     gaps = [each.values["charge"] for each in findings if each.code == "gaps.missing"]
     assert "resting" in gaps
     assert set(gaps) <= {"resting", "idle"}
@@ -77,31 +74,25 @@ def test_gaps_under_load_are_no_rests(missing_s):
     is_written = np.ones(len(time_s), bool)
     for first in range(300, LOADED - 600, 600):
         is_written[first : first + missing_s] = False
-    record = record_from_frame(
-        table(time_s[is_written], current_a[is_written], voltage_v[is_written])
-    )
+    record = record_from_frame(table(time_s, current_a, voltage_v, is_written))
     assert record.flowing is None
 
 
-def test_a_current_that_is_empty_at_rest_is_zero(tmp_path):
+def test_a_current_that_is_empty_at_rest_is_zero():
     time_s, current_a, voltage_v = drive()
-    rows = pl.DataFrame(table(time_s, current_a, voltage_v))
-    at_rest = pl.col("Current [A]") == 0
-    path = tmp_path / "log.csv"
-    rows.with_columns(pl.when(~at_rest).then(pl.col("Current [A]"))).write_csv(path)
-    record = read_record(path)
+    is_loaded = pl.when(pl.col("Current [A]") != 0)
+    rows = table(time_s, current_a, voltage_v)
+    record = record_from_frame(rows.with_columns(is_loaded.then(pl.col("Current [A]"))))
     np.testing.assert_allclose(record.current_a, current_a, atol=1e-12)
     assert [each.code for each in record.warnings] == ["cells.empty-current"]
 
 
-def test_a_current_that_is_empty_under_load_is_refused(tmp_path):
+def test_a_current_that_is_empty_under_load_is_refused():
     time_s, current_a, voltage_v = drive(rests=3, resting_s=(1, 3))
-    rows = pl.DataFrame(table(time_s, current_a, voltage_v))
-    is_empty = pl.col("Time [s]").is_between(1000, 1100) | pl.col("Time [s]").is_between(3000, 3100)
-    path = tmp_path / "log.csv"
-    rows.with_columns(pl.when(~is_empty).then(pl.col("Current [A]"))).write_csv(path)
+    is_full = pl.when((pl.col("Time [s]") % 2000).is_between(1000, 1100).not_())
+    rows = table(time_s, current_a, voltage_v)
     with pytest.raises(InputError, match="nothing stands under 'Current"):
-        read_record(path)
+        record_from_frame(rows.with_columns(is_full.then(pl.col("Current [A]"))))
 
 
 @pytest.mark.parametrize(
@@ -115,17 +106,15 @@ def test_gaps_of_a_logger_that_writes_changes_alone_are_no_rests(load_a, gap_s, 
     is_written = np.tile(np.append(np.ones(120, bool), np.zeros(gap_s, bool)), gaps)
     voltage_v = 4.0 - 0.33 * np.append(0.0, np.cumsum(current_a[:-1])) / 3600 - 0.03 * current_a
     voltage_v += 3e-4 * np.random.default_rng(0).standard_normal(len(voltage_v))
-    rows = table(np.arange(len(current_a), dtype=float), current_a, voltage_v)
-    record = record_from_frame({name: column[is_written] for name, column in rows.items()})
+    time_s = np.arange(len(current_a), dtype=float)
+    record = record_from_frame(table(time_s, current_a, voltage_v, is_written))
     assert record.flowing is None
 
 
 def test_in_means_a_rest_that_is_not_written_stays_one():
     time_s, current_a, voltage_v = drive(4, (600, 3000))
     is_written = current_a != 0
-    record = record_from_frame(
-        table(time_s[is_written], current_a[is_written], voltage_v[is_written])
-    )
+    record = record_from_frame(table(time_s, current_a, voltage_v, is_written))
     means = in_means(record, 10.0)
     assert means.discharged_ah[-1] == pytest.approx(
         np.interp(means.time_s[-1], record.time_s, record.discharged_ah), abs=2e-3

@@ -7,7 +7,7 @@ import numpy as np
 from ..cell.soc_axis import CAPACITY_WARNING, CHARGE, CLOSURE, DISCHARGE
 from ..notices import Notice
 from ..records.counters import gain_ah
-from ..records.record import runs
+from ..records.record import held, runs
 from ..records.samples import STEADY_SHARE
 from .traits import CheckInput
 
@@ -128,10 +128,9 @@ def find_closure(given: CheckInput) -> Iterator[Notice]:
 def _by_the_other_hold(given: CheckInput) -> tuple[str, float]:
     """The hold that was not taken, and all the charge that went in and out by it."""
     record = given.record
-    is_forward = record.hold.value == "backward"
-    flowed_a = np.abs(record.current_a[:-1] if is_forward else record.current_a[1:])
-    moved_ah = float(np.sum(flowed_a * record.interval_s)) / 3600
-    return "forward" if is_forward else "backward", moved_ah
+    other = "forward" if record.hold.value == "backward" else "backward"
+    flowed_a = np.abs(held(other, record.current_a[:-1], record.current_a[1:]))
+    return other, float(np.sum(flowed_a * record.interval_s)) / 3600
 
 
 # A rest is looked for where a current below C/20 and a fair part of the peak is steady for so many

@@ -66,7 +66,7 @@ class Facts:
         return cls(
             samples=record.samples,
             time_s=(float(record.time_s[0]), float(record.time_s[-1])),
-            median_interval_s=given.usual_s,
+            median_interval_s=given.samples.interval_s,
             voltage_v=(float(record.voltage_v.min()), float(record.voltage_v.max())),
             charged_ah=given.charged_ah,
             discharged_ah=given.discharged_ah,

@@ -145,8 +145,12 @@ def find_late_voltage(given: CheckInput) -> Iterator[Notice]:
     which no cell's does: the current was averaged or filtered before it was written down."""
     lag = given.lag
     if lag is not None:
-        values = {"lag_s": lag.seconds, "interval_s": given.usual_s, "apart_s": abs(lag.seconds)}
-        is_either = abs(lag.samples) < 1 and given.usual_s >= _ALIKE_S
+        values = {
+            "lag_s": lag.seconds,
+            "interval_s": given.samples.interval_s,
+            "apart_s": abs(lag.seconds),
+        }
+        is_either = abs(lag.samples) < 1 and given.samples.interval_s >= _ALIKE_S
         values |= {"cause": "either" if is_either else None}
         values |= {"age": "older" if lag.samples > 0 else "newer"}
         if lag.samples > 0:
@@ -157,7 +161,7 @@ def find_late_voltage(given: CheckInput) -> Iterator[Notice]:
     if answers is None:
         return
     (first_ohm, second_ohm, third_ohm, _, last_ohm), covariance = answers
-    values = {"first_ohm": first_ohm, "interval_s": given.usual_s}
+    values = {"first_ohm": first_ohm, "interval_s": given.samples.interval_s}
     slow_ohm = max(_SLOW_SHARE * first_ohm, LATE_SURE * np.sqrt(np.max(np.diag(covariance))))
     # A steep OCV adds the same to every answer.
     is_slow, is_rising = second_ohm - last_ohm > slow_ohm, last_ohm - first_ohm > slow_ohm

@@ -68,11 +68,6 @@ class CheckInput:
         return replace(given, samples=samples, record=record)
 
     @cached_property
-    def usual_s(self) -> float:
-        """The usual interval."""
-        return float(np.median(self.record.interval_s))
-
-    @cached_property
     def charged_ah(self) -> float:
         """All the charge that went in."""
         return float(np.sum(np.maximum(-self.record.moved_ah, 0)))

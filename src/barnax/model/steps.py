@@ -8,8 +8,8 @@ few samples next to steps weigh nothing, and R0 takes up what pairs that are slo
 import numpy as np
 from jaxtyping import Bool, Int
 
-from ..records.record import is_long
-from ..records.samples import STEADY_SHARE, STEP_SHARE
+from ..records.record import STEP_SHARE, is_long
+from ..records.samples import STEADY_SHARE
 from .prepared import PreparedRecord
 
 # On whichever side of its sample a current flows, and however little late the voltage is, all of R0

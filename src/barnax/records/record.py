@@ -116,10 +116,7 @@ class Record(Brief):
     @property
     def interval_current_a(self) -> Float[np.ndarray, "intervals"]:
         """The mean current between neighboring samples, by the record's hold."""
-        before_a, after_a = self.current_a[:-1], self.current_a[1:]
-        held_a = before_a if self.hold.value == "forward" else after_a
-        if self.hold.value == "centered":
-            held_a = EARLIER_SHARE * before_a + (1 - EARLIER_SHARE) * after_a
+        held_a = held(self.hold.value, self.current_a[:-1], self.current_a[1:])
         return held_a if self.flowing is None else self.flowing * held_a
 
     @property
@@ -168,6 +165,15 @@ class Record(Brief):
         22
         """
         return self._segments.setdefault(rest_a, Segments(self, rest_a))
+
+
+def held(
+    hold: str, begun: Float[np.ndarray, "intervals"], ended: Float[np.ndarray, "intervals"]
+) -> Float[np.ndarray, "intervals"]:
+    """The mean of each interval by a hold, of what it begins and what it ends with."""
+    if hold == "centered":
+        return EARLIER_SHARE * begun + (1 - EARLIER_SHARE) * ended
+    return begun if hold == "forward" else ended
 
 
 # The rest after which the voltage is the OCV, and by what it may end early on the tester's clock
@@ -348,7 +354,7 @@ def degc_in_name(name: str) -> float | None:
 
 # Steps of the current are changes by this share of the largest. Those of a load reach over this
 # share of the charge, from the first of these quantiles to the last: a few may stand apart.
-_STEP_SHARE, LEAST_REACH, _ENDS = 0.1, 0.05, (0.05, 0.95)
+STEP_SHARE, LEAST_REACH, _ENDS = 0.1, 0.05, (0.05, 0.95)
 # Fewer steps are no load.
 _FEWEST_STEPS = 10
 
@@ -361,7 +367,7 @@ def reach_of_steps(current_a: Channel, charge: Channel) -> float:
     0.855
     """
     step_a = np.abs(np.diff(current_a))
-    at = charge[1:][step_a > _STEP_SHARE * np.max(np.abs(current_a), initial=0.0)]
+    at = charge[1:][step_a > STEP_SHARE * np.max(np.abs(current_a), initial=0.0)]
     return reach(at) if len(at) >= _FEWEST_STEPS else 0.0
 
 

@@ -10,14 +10,13 @@ from .cell_values import DATED_S
 from .counters import Counters
 from .dialects import Dialect
 from .lag import whole_lag
-from .record import EARLIER_SHARE, Record
+from .record import STEP_SHARE, Record, held
 from .table import Lines
 
 # The quantities that `Counters` takes, in its order.
 COUNTERS = ("charging capacity", "discharging capacity", "net capacity")
-# A current step changes by more than this share of the largest current; a current that stands
-# still by less than that share.
-STEP_SHARE, STEADY_SHARE = 0.1, 0.01
+# A current that stands still changes by less than this share of the largest.
+STEADY_SHARE = 0.01
 _AGREEING = 0.5
 # Levels of a load stand within this share of the largest current and are so far apart; so many
 # changes through a value between them, more than straight ones, are of means.
@@ -159,9 +158,7 @@ class Samples(Lines):
 
     def held_ah(self, hold: str) -> Float[np.ndarray, "intervals"]:
         """The charge of each interval by a hold of the current."""
-        if hold == "centered":
-            return EARLIER_SHARE * self.begun_ah + (1 - EARLIER_SHARE) * self.ended_ah
-        return self.begun_ah if hold == "forward" else self.ended_ah
+        return held(hold, self.begun_ah, self.ended_ah)
 
     @cached_property
     def is_loaded(self) -> Bool[np.ndarray, "intervals"]:

@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from .quantities import NEEDED
-from .record import Record
-from .samples import STEP_SHARE, record_resistance_ohm, step_resistance_ohm
+from .record import STEP_SHARE, Record
+from .samples import record_resistance_ohm, step_resistance_ohm
 from .table import Lines
 
 # An interval is a gap if it is this much longer than the usual ones on both of its sides.

@@ -240,6 +240,25 @@ def test_the_next_step_is_an_option_beside_the_plan_of_the_run(
     assert ("saved as a file" in advice) == (not expected)
 
 
+@pytest.mark.parametrize(("reason", "options"), [("why", {}), ("why", {"over": "soc"}), ("", {})])
+def test_a_record_is_identified_on_too_by_a_command_that_runs(
+    tmp_path, monkeypatch, reason, options
+):
+    """Of a folder whose roles were chosen; a user's own windows stand in no words."""
+    monkeypatch.chdir(tmp_path)
+    step = Next("identify on c.csv too", also="c.csv")
+    monkeypatch.setattr("barnax.reporting.first_screen.next_step", lambda _: step)
+    roles = {"a.csv": "identification", "o.csv": "OCV test", "c.csv": "validation", "n": "not used"}
+    parts = (Part(Path("d") / name, name, role, reason=reason) for name, role in roles.items())
+    chosen = {"capacity": 2.0} | options
+    plan = Plan("identify", tuple(parts), chosen, {"capacity": "measured"})
+    result, run = Result.from_json(golden.RESULT), Output().begun("out")
+    _, shown = command._next(result, run, plan, None)
+    words = "barnax identify d/a.csv d/c.csv --ocv d/o.csv"
+    words += "".join(f" --{name} {value}" for name, value in options.items())
+    assert shown == (f"{words} --out barnax-out" if reason else "")
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("without_figures")
 def test_the_plan_of_the_bundled_cell_repeats_its_run(run, finished):

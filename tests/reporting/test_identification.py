@@ -153,6 +153,22 @@ def test_every_other_verdict_is_the_golden_one():
     require_golden(GOLDEN / "verdicts.txt", "\n".join(told) + "\n")
 
 
+def test_a_circuit_that_validates_better_than_the_answer_is_named():
+    block, (answer,) = STORED.constant.metrics, STORED.candidates
+    better = block.validation[0].model_copy(update={"rmse_v": 0.005})
+    validated = block.model_copy(update={"validation": (better,)})
+    result = STORED.model_copy(
+        update={
+            "constant": STORED.constant.model_copy(update={"metrics": validated}),
+            "candidates": (replace(answer, model="so-rc", is_answer=False), answer),
+        }
+    )
+    said = "so-rc, with constants, is better than the answer on validation.parquet: 5.00 mV, the "
+    assert f"Validation: {said}answer 12.90 mV." in " ".join(screen(result).split())
+    assert said in " ".join(sentences("verdict.verdict", View(result)))
+    assert "Validation:" not in screen(STORED)
+
+
 def test_names_that_a_terminal_would_obey_are_shown_whole_in_80_columns():
     name = "a [bold]long[/bold] name \x1b[2J of a file " + 60 * "x" + ".csv"
     text = screen(changed(STORED, name=name))

@@ -48,6 +48,19 @@ def test_a_value_stays_beside_its_interval_and_its_state_of_charge():
     assert line.endswith("30.4 (*)    80.3 to 90.3")
 
 
+def test_a_long_name_breaks_behind_its_separators():
+    rows = [["dst_25degC_80soc_SP20-2.parquet", *["1.234"] * 6]]
+    table = rows_table("", ["record", *"abcdef"], rows, ["record"])
+    first = [
+        line.split()[0]
+        for line in lines_of(terminal_table(table), 62)
+        if "_" in line or "pa" in line
+    ]
+    assert "".join(first) == rows[0][0]
+    assert all(part.endswith(("_", "-", ".", "parquet")) for part in first)
+    assert len(first) > 1
+
+
 @pytest.mark.parametrize("width", [60, 66, 72, 80])
 def test_no_digit_of_the_first_screen_is_cut(width):
     whole, narrow = (

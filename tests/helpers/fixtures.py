@@ -3,6 +3,7 @@
 import os
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import hypothesis
 import jax
@@ -34,13 +35,14 @@ def pytest_configure() -> None:
 
 
 @pytest.fixture(autouse=True)
-def known_circuits(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def known_circuits() -> Iterator[None]:
     """A circuit or an element that a test or a page makes is known there only."""
-    monkeypatch.setattr(CIRCUITS, "_circuits", dict(CIRCUITS))
-    before = dict(ELEMENTS)
+    registries: tuple[dict[str, Any], ...] = CIRCUITS, ELEMENTS
+    before = [dict(registry) for registry in registries]
     yield
-    ELEMENTS.clear()
-    ELEMENTS.update(before)
+    for registry, names in zip(registries, before, strict=True):
+        registry.clear()
+        registry.update(names)
 
 
 @pytest.fixture(scope="session")

@@ -27,8 +27,7 @@ from barnax.records.record import Record
 from barnax.result_parts import ConstantPart, InputPart, MetricsBlock, MetricsPart
 from barnax.results import Result
 from barnax.search.evaluate import Evaluation, Evaluations, evaluate
-from barnax.search.refine import Optimum, Refinement
-from barnax.search.seeds import Search
+from barnax.search.refine import Refinement
 from barnax.uncertainty import Assessment, Band, Diagnostics, Identifiability, Uncertainty
 from barnax.uncertainty.covariance import NoiseParts
 from helpers.reference import make_record as record_of
@@ -86,11 +85,6 @@ def make_evaluation(
     )
     simulated_v = record.voltage_v - error_v
     return Evaluation(prepared, simulated_v, measure(record.voltage_v[scored], simulated_v[scored]))
-
-
-def make_refinement(found: Search, rmse_v: float) -> Refinement:
-    optimum = Optimum(rmse_v, CIRCUIT, len(found.seeds), is_family=False)
-    return Refinement((), (optimum,), (), "scan", 0, found)
 
 
 def ocv_v(soc: np.ndarray) -> np.ndarray:

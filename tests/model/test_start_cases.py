@@ -1,7 +1,6 @@
 """Starts that files of the field begin with: noise, loads, a given SOC, and what a result is of."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -27,8 +26,6 @@ from barnax.uncertainty import assess
 from helpers.problems import drive_a, simulated_record
 from helpers.reference import make_record
 from helpers.shared import CASES, needs_cases
-
-REPOSITORY = Path(__file__).parents[2]
 
 
 def codes(prepared):

@@ -4,7 +4,7 @@ A new circuit is a `Circuit` here and one line in `CIRCUITS`.
 """
 
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -144,35 +144,20 @@ THREE_RC = Circuit("3rc", f"three RC pairs, {_AVERAGED}", average_ocv, (RC.name,
 FOUR_RC = Circuit("4rc", f"four RC pairs, {_AVERAGED}", average_ocv, (RC.name,) * 4)
 
 
-class Circuits(Mapping[str, Circuit]):
-    """The known circuits by name, and any of them with elements beside: `esc+diffusion`."""
-
-    def __init__(self, circuits: Iterable[Circuit]):
-        self._circuits = {circuit.name: circuit for circuit in circuits}
-
-    def __getitem__(self, name: str) -> Circuit:
-        base, *added = name.split("+")
-        if name in self._circuits or not added:
-            return self._circuits[name]
-        if not all(element in ELEMENTS for element in added):
-            raise KeyError(name)
-        return self._circuits[base].beside(*added)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._circuits)
-
-    def __len__(self) -> int:
-        return len(self._circuits)
+class Circuits(dict[str, Circuit]):
+    """Circuits by name."""
 
     def add(self, circuit: Circuit) -> None:
         """Make a circuit known. Raises `InputError` where another one has its name."""
-        name = circuit.name
-        if self.get(name, circuit) != circuit:
-            raise InputError(f"there is another circuit called {name!r}; choose another name")
-        self._circuits[circuit.name] = circuit
+        if self.setdefault(circuit.name, circuit) != circuit:
+            raise InputError(
+                f"there is another circuit called {circuit.name!r}; choose another name"
+            )
 
 
-CIRCUITS = Circuits((ISO_RC, SO_RC, ESC, TAKACS, ONE_RC, THREE_RC, FOUR_RC))
+CIRCUITS = Circuits()
+for _circuit in (ISO_RC, SO_RC, ESC, TAKACS, ONE_RC, THREE_RC, FOUR_RC):
+    CIRCUITS.add(_circuit)
 
 
 def make_circuit(
@@ -208,10 +193,11 @@ def get_circuit(name: str) -> Circuit:
     >>> get_circuit("so-rc").name
     'so-rc'
     """
-    if name not in CIRCUITS:
+    base, *added = (name,) if name in CIRCUITS else name.split("+")
+    if base not in CIRCUITS or not all(element in ELEMENTS for element in added):
         beside = ", ".join(f"+{element}" for element in ELEMENTS if element != RC.name)
         raise InputError(
             f"`model` {name!r} is not known; there are {', '.join(CIRCUITS)} (so-rc has two RC "
             f"pairs), each also with {beside}"
         )
-    return CIRCUITS[name]
+    return CIRCUITS[base].beside(*added) if added else CIRCUITS[base]

@@ -80,7 +80,9 @@ def read_inputs(
         dynamic = [take(source, "identification") for source in given]
         further = [take(source, "validation") for source in others]
         loggers = loggers_of([*ocv_records, *dynamic, *further])
-        loggers |= {own.logger.header: own.logger for _, own, _ in looked_at if own.logger}
+        loggers |= {
+            source.logger.header: source.logger for _, source, _ in looked_at if source.logger
+        }
         for several in (ocv_records, dynamic, further):
             several[:] = [sampled(record, loggers) for record in several]
         looked_at = [
@@ -97,8 +99,8 @@ def read_inputs(
         options |= job.of_curves
         is_fitted = not tests and cell is None
         fitted_ocv = without_test(job, dynamic) if is_fitted and without_test else None
-        known: CellModel | None = fitted_ocv.cell if fitted_ocv else cell
-        shown = known or _characterized(ocv_records, job, options)
+        given_cell: CellModel | None = fitted_ocv.cell if fitted_ocv else cell
+        shown = given_cell or _characterized(ocv_records, job, options)
     warnings = [] if is_bundled else _checked(looked_at, shown, capacity, job.window, job)
     return Inputs(dynamic, ocv_records, further, shown, tuple(warnings), fitted_ocv)
 
@@ -139,29 +141,30 @@ def _checked(
             continue
         is_test = role == "OCV test"
         # A record's ampere-hours are judged by the capacity that it is simulated with.
-        own = window_of(window, source.name)
-        own_cell = cell if is_test else cell.at(temperature_of(taken, own))
-        own_ah = own.capacity_ah or capacity_ah or (None if is_test else own_cell.capacity_ah)
-        found = check_file(
-            source if is_test else _simulated(source, taken, own),
-            capacity_ah=own_ah,
-            rest_current_a=own.rest_current_a,
+        limits = window_of(window, source.name)
+        record_cell = cell if is_test else cell.at(temperature_of(taken, limits))
+        record_ah = limits.capacity_ah or capacity_ah
+        record_ah = record_ah or (None if is_test else record_cell.capacity_ah)
+        check = check_file(
+            source if is_test else _simulated(source, taken, limits),
+            capacity_ah=record_ah,
+            rest_current_a=limits.rest_current_a,
             **how_read(reading, source.name, role),
         )
         if not is_test:
             # That the OCV test is of another cell may be why the file seems at fault.
-            against = compare_with_cell(taken, own_cell, own_ah)
-            if not own.is_chosen:
-                raise_first_error(against, found.file)
-            warnings += [warning.about(found.file) for warning in against]
-        warnings += input_warnings(found, role)
-        if role == "identification" and found.traits:
-            kinds[found.file] = found.traits.kind(own_ah, has_test=not cell.is_of_records)
-            if found.traits.kind(own_ah) == "charge":
-                charges.add(found.file)
+            against = compare_with_cell(taken, record_cell, record_ah)
+            if not limits.is_chosen:
+                raise_first_error(against, check.file)
+            warnings += [warning.about(check.file) for warning in against]
+        warnings += input_warnings(check, role)
+        if role == "identification" and check.traits:
+            kinds[check.file] = check.traits.kind(record_ah, has_test=not cell.is_of_records)
+            if check.traits.kind(record_ah) == "charge":
+                charges.add(check.file)
         # What has no one temperature has that told.
-        if found.traits and not any(finding.check == "temperature" for finding in found.findings):
-            degc[is_test].append((found.file, found.traits.temperature_degc))
+        if check.traits and not any(finding.check == "temperature" for finding in check.findings):
+            degc[is_test].append((check.file, check.traits.temperature_degc))
     require_load(kinds)
     # A charge beside a record under load is there for the other direction.
     warnings = [
@@ -190,9 +193,9 @@ def telling(warnings: Sequence[Notice]) -> Iterator[None]:
     try:
         yield
     except InputError as problem:
-        told = InputError("\n".join((str(problem), *(f"warning: {each}" for each in warnings))))
-        told.notice = problem.notice
-        raise told from problem
+        refusal = InputError("\n".join((str(problem), *(f"warning: {each}" for each in warnings))))
+        refusal.notice = problem.notice
+        raise refusal from problem
 
 
 def read_validation(
@@ -279,18 +282,18 @@ def numbered(source: Any, called: dict[str, int]) -> Any:
     return source if count == 1 else replace(source, name=f"{source.name} {count}")
 
 
-def input_warnings(found: FileCheck, role: str) -> list[Notice]:
+def input_warnings(check: FileCheck, role: str) -> list[Notice]:
     """Warnings of the checks of a file about the role that it is given."""
-    told = [
-        finding.about(found.file)
-        for finding in found.findings
+    warnings = [
+        finding.about(check.file)
+        for finding in check.findings
         if finding.counts and not (role == "OCV test" and finding.code in OF_R0)
     ]
-    for use in found.roles:
+    for use in check.roles:
         if use.name == role and not use.is_usable:
             unfit = {"role": role, "reason": use.reason, "half_width": use.half_width}
-            told.insert(0, Notice("role.unfit", unfit, found.file))
-    return told
+            warnings.insert(0, Notice("role.unfit", unfit, check.file))
+    return warnings
 
 
 def windows_by_name(window: Windows) -> dict[str, Window]:
@@ -299,16 +302,16 @@ def windows_by_name(window: Windows) -> dict[str, Window]:
     Raises `InputError` for what is no window.
     """
     by_name = dict(window) if isinstance(window, Mapping) else {"": window or Window()}
-    for own in by_name.values():
-        if not isinstance(own, Window):
-            raise InputError(f"window {own!r} is none; give barnax.Window(initial_soc=...)")
+    for one in by_name.values():
+        if not isinstance(one, Window):
+            raise InputError(f"window {one!r} is none; give barnax.Window(initial_soc=...)")
     return by_name
 
 
 def window_of(window: Windows, name: str) -> Window:
     """The window of a record: its own, else the common one."""
-    known = windows_by_name(window)
-    return known.get(name, known.get("")) or Window()
+    windows = windows_by_name(window)
+    return windows.get(name, windows.get("")) or Window()
 
 
 def given_ah_of(job: "Job") -> float | None:
@@ -334,8 +337,8 @@ def windows_of(inputs: Inputs, window: Windows, capacity: float | None) -> dict[
     require_records(windows_by_name(window).keys() - tests, names)
     windows = {}
     for name in names:
-        own = window_of(window, name)
-        windows[name] = replace(own, capacity_ah=own.capacity_ah or capacity)
+        limits = window_of(window, name)
+        windows[name] = replace(limits, capacity_ah=limits.capacity_ah or capacity)
     return windows
 
 
@@ -353,11 +356,11 @@ def file_names(paths: Iterable[Any]) -> dict[Path, str]:
     """The name by which each file is told, with folders where names are shared; of what is no path,
     none."""
     distinct = {Path(path) for path in paths if isinstance(path, str | Path)}
-    names = {path: printable(_shortest_own_name(path, distinct - {path})) for path in distinct}
+    names = {path: printable(_shortest_name(path, distinct - {path})) for path in distinct}
     return names | ({STDIN: STDIN_NAME} if STDIN in distinct else {})
 
 
-def _shortest_own_name(path: Path, others: set[Path]) -> str:
+def _shortest_name(path: Path, others: set[Path]) -> str:
     parts = path.absolute().parts
     for count in range(1, len(parts)):
         if all(other.absolute().parts[-count:] != parts[-count:] for other in others):
@@ -377,10 +380,10 @@ def _require_different(records: Sequence[Record]) -> None:
     seen: list[tuple[Record, Content]] = []
     for record in records:
         content, start = Content(record), (record.sha256, float(record.time_s[0]))
-        for first, known in seen:
+        for first, other in seen:
             # Parts of one file are different records.
             is_same_file = record.sha256 and start == (first.sha256, float(first.time_s[0]))
-            if is_same_file or content.is_like(known):
+            if is_same_file or content.is_like(other):
                 same = "bytes" if is_same_file else "samples"
                 same = "name" if first.name == record.name else same
                 given = {"same": same, "other": first.name}

@@ -41,8 +41,8 @@ class _Signature:
     """The arguments of a class's `__init__`, whatever its `__new__` takes."""
 
     def __get__(self, _: object, owner: type) -> inspect.Signature:
-        own = inspect.signature(owner.__init__)
-        return own.replace(parameters=[*own.parameters.values()][1:])
+        signature = inspect.signature(owner.__init__)
+        return signature.replace(parameters=[*signature.parameters.values()][1:])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -105,20 +105,23 @@ class Job(TableOptions, CellSettings, Reading, Scope, Settings):
             return job
 
     def __post_init__(self) -> None:
-        own = vars(self)
+        values = vars(self)
         # What is given by its name replaces what an object of several holds.
         parts = (Settings, self.settings), (Reading, self.reading), (TableOptions, self.tables)
         for kind, part in parts:
-            names = {field.name for field in fields(kind) if part} - own["_chosen"]
-            own |= {name: getattr(part, name) for name in names}
-            own["_chosen"] |= {name for name in names if own[name] != getattr(kind, name)}
+            names = {field.name for field in fields(kind) if part} - values["_chosen"]
+            values |= {name: getattr(part, name) for name in names}
+            values["_chosen"] |= {name for name in names if values[name] != getattr(kind, name)}
         if self.setup is not None:
-            own["model"], own["ocv_fit"] = self.model or "iso-rc", self.ocv_fit or "polynomial"
-        for name in own["_chosen"]:
-            require_value(name, own[name])
+            values["model"], values["ocv_fit"] = (
+                self.model or "iso-rc",
+                self.ocv_fit or "polynomial",
+            )
+        for name in values["_chosen"]:
+            require_value(name, values[name])
         super().__post_init__()
-        are_own = self.table_settings != TableSettings()
-        if are_own and self.over is None and self.model is not None:
+        are_chosen = self.table_settings != TableSettings()
+        if are_chosen and self.over is None and self.model is not None:
             raise InputError("settings of tables need `over` 'soc'; give it too, or no `model`")
 
     @property
@@ -133,7 +136,7 @@ class Job(TableOptions, CellSettings, Reading, Scope, Settings):
 
     def part(self, kind: Callable[..., Found]) -> Found:
         """The options of one kind, such as `Reading`, by themselves."""
-        return kind(**{own.name: getattr(self, own.name) for own in fields(kind)})  # pyrefly: ignore
+        return kind(**{one.name: getattr(self, one.name) for one in fields(kind)})  # pyrefly: ignore
 
     def changed(self, **options: Any) -> Self:
         """The same with other options; what stays a default is still one."""
@@ -142,10 +145,10 @@ class Job(TableOptions, CellSettings, Reading, Scope, Settings):
     @classmethod
     def require_names(cls, options: Mapping[str, Any]) -> None:
         """Raise `TypeError` for an option that there is not, with the nearest one that there is."""
-        known = [field.name for field in fields(cls)]
-        for name in sorted(options.keys() - {*known}):
-            near = difflib.get_close_matches(name, known, 1)
-            remedy = f"; did you mean {near[0]}?" if near else f"; there are {', '.join(known)}"
+        allowed = [field.name for field in fields(cls)]
+        for name in sorted(options.keys() - {*allowed}):
+            near = difflib.get_close_matches(name, allowed, 1)
+            remedy = f"; did you mean {near[0]}?" if near else f"; there are {', '.join(allowed)}"
             if name in {field.name for field in fields(Window)}:
                 remedy = f"; give window=barnax.Window({name}=...)"
             raise TypeError(f"there is no option {name}{remedy}")
@@ -165,9 +168,9 @@ def require_value(name: str, value: Any) -> None:
         return
     hint = OPTIONS.get(name)
     require_number(name, value, hint)
-    known = OPTIMIZERS if name == "method" else choices_in(hint)
-    if value is not None and known:
-        require_choice(name, value, known)
+    choices = OPTIMIZERS if name == "method" else choices_in(hint)
+    if value is not None and choices:
+        require_choice(name, value, choices)
 
 
 def takes_options(
@@ -182,11 +185,11 @@ def takes_options(
                 given, options = (), {**given[0].chosen, **options}  # pyrefly: ignore
             return run(make(*given, **options))
 
-        own = explained(run)
-        more = {name: text for name, text in explained(make).items() if name not in own}
+        described = explained(run)
+        more = {name: text for name, text in explained(make).items() if name not in described}
         lines = [f"    {name}: {text}\n" for name, text in more.items()]
         doc = inspect.cleandoc(run.__doc__ or "")
-        function.__doc__ = re.sub(ARGS, lambda found: found[0] + "".join(lines), doc)
+        function.__doc__ = re.sub(ARGS, lambda match: match[0] + "".join(lines), doc)
         function.__signature__ = inspect.signature(make)  # pyrefly: ignore
         return function
 

@@ -72,11 +72,11 @@ def identify(job: Job) -> Result:
     >>> result
     Result(model='so-rc', rmse_v=0.023172...
     """
-    found = plan_of(job)
-    if found is None:
+    plan = plan_of(job)
+    if plan is None:
         return _identified(job)
-    result = _identified(planned(found, job), found.warnings)
-    return result.model_copy(update={"plan": found.stored})
+    result = _identified(planned(plan, job), plan.warnings)
+    return result.model_copy(update={"plan": plan.stored})
 
 
 def _identified(job: Job, of_plan: Sequence[Notice] = ()) -> Result:
@@ -106,15 +106,15 @@ def with_ocv_test(job: Job, inputs: Inputs) -> tuple[Inputs, dict[str, Window], 
     """The inputs, windows and constant problem of records with an OCV test, which tells starts and
     capacities; where it does not, the voltages with the circuit do."""
     windows = windows_of(inputs, job.window, job.capacity)
-    told = problem_of(inputs, windows, job)
-    records, between = _between_ends(told.cell, told.prepared_records)
-    if told.is_compressible:
+    given = problem_of(inputs, windows, job)
+    records, between = _between_ends(given.cell, given.prepared_records)
+    if given.is_compressible:
         # A box too wide to reduce records for is searched, not fitted to.
         records = _registered(job, records)
     registered = windows | {one.record.name: one.window for one in records}
     inputs = _as_counted(inputs, windows, registered)
     inputs = replace(inputs, warnings=(*inputs.warnings, *between))
-    first = settled(told if registered == windows else problem_of(inputs, registered, job))
+    first = settled(given if registered == windows else problem_of(inputs, registered, job))
     if not job.keep_starts:
         first = with_joint_starts(first)
         registered |= {one.record.name: one.window for one in first.prepared_records}
@@ -155,7 +155,7 @@ def _between_ends(
     worse for them."""
     counted, notices = list(records), list[Notice]()
     under_load = [prepared for prepared in records if cell.has_flat_ocv and is_loaded(prepared)]
-    for place, prepared in enumerate(records if under_load else ()):
+    for index, prepared in enumerate(records if under_load else ()):
         window, soc = prepared.window, prepared.soc[prepared.scored]
         are_chosen = window.score_steps, window.score_soc, window.score_from_s, window.score_to_s
         # Most of what it moves must be charged, and lie between the ends.
@@ -166,7 +166,7 @@ def _between_ends(
         if any(chosen is not None for chosen in are_chosen) or not is_charge or ends == (0.0, 1.0):
             continue
         if np.ptp(np.clip(soc, *ends)) > least_soc:
-            counted[place] = prepared.in_window(replace(window, score_soc=ends))
+            counted[index] = prepared.in_window(replace(window, score_soc=ends))
             at = {"low_soc": ends[0], "high_soc": ends[1]}
             notices.append(Notice("charge.between-ends", at, prepared.record.name))
     return counted, notices
@@ -187,25 +187,25 @@ def _registered(job: Job, records: Sequence[PreparedRecord]) -> list[PreparedRec
         for given in (bounds, fixed):
             given.pop(RATE, None)
         tables = replace(tables, bounds=bounds, fixed=fixed)
-    told = [
+    alone = [
         one
         if one.circuit == circuit and one.window.registration is None
         else replace(one, circuit=circuit).in_window(one.window.unregistered)
         for one in records
     ]
-    found = counted_alike(told, [register_alone(prepared, tables) for prepared in told])
-    return register(found, tables) if asks_for_constant(job) and found[1:] else found
+    registered = counted_alike(alone, [register_alone(prepared, tables) for prepared in alone])
+    return register(registered, tables) if asks_for_constant(job) and registered[1:] else registered
 
 
 def _as_counted(
-    inputs: Inputs, told: Mapping[str, Window], windows: Mapping[str, Window]
+    inputs: Inputs, given: Mapping[str, Window], windows: Mapping[str, Window]
 ) -> Inputs:
     """The inputs whose cell has the capacity that its OCV test tells of all records identified on:
     testers of one cell count some percent apart, and records are mostly of one of them."""
     names = [record.name for record in inputs.records]
-    known = [windows[name].registration for name in names]
-    by_test = [level.origin for level in known if level and level.origin.by == "OCV test"]
-    if len(by_test) < len(names) or any(told[name].capacity_ah for name in names):
+    registrations = [windows[name].registration for name in names]
+    by_test = [level.origin for level in registrations if level and level.origin.by == "OCV test"]
+    if len(by_test) < len(names) or any(given[name].capacity_ah for name in names):
         return inputs
     counted_ah = [windows[name].capacity_ah or 0.0 for name in names]
     pairs = zip(counted_ah, by_test, strict=True)

@@ -64,12 +64,12 @@ class StoredInputs:
     def of(cls, path: Path, data: Data = (), reading: Reading | None = None) -> "StoredInputs":
         """Those of the result at `path`; folders are those of `data`, its own, the one above that,
         and the working folder."""
-        place = path if path.is_dir() else path.parent
+        folder = path if path.is_dir() else path.parent
         given = data if isinstance(data, Mapping) else {}
         more = [data] if isinstance(data, str | Path) else () if given else data
-        folders = (*map(Path, more), *folders_around(place), BUNDLED.record.parent)
+        folders = (*map(Path, more), *folders_around(folder), BUNDLED.record.parent)
         unique = tuple(dict.fromkeys(folders))
-        return cls(unique, place / "plan.toml", given, reading or Reading())
+        return cls(unique, folder / "plan.toml", given, reading or Reading())
 
     def find(self, name: str, sha256: str) -> Path | Notice:
         """The file of that name and content, or why there is none."""
@@ -159,14 +159,16 @@ def _again(result: Result, part: InputPart, record: Record, stored: MetricsPart)
     window, start = part.window or Window(), part.start
     rmse_v = stored.rmse_v
     for way in (start.direction, -start.direction) if start else (None,):
-        own = window if way is None else replace(window, initial_direction=way)
-        found = result.fits.evaluate(prepare_record(record, result.cell, result.model, own))
-        rmse_v = found.metrics.rmse_v
+        directed = window if way is None else replace(window, initial_direction=way)
+        evaluation = result.fits.evaluate(
+            prepare_record(record, result.cell, result.model, directed)
+        )
+        rmse_v = evaluation.metrics.rmse_v
         if abs(rmse_v - stored.rmse_v) <= SAME_ERROR * stored.rmse_v:
-            prepared = replace(found.prepared, window=window)
+            prepared = replace(evaluation.prepared, window=window)
             if start and way == start.direction:
                 prepared = replace(prepared, start=start)
-            return replace(found, prepared=prepared)
+            return replace(evaluation, prepared=prepared)
     raise InputError(
         f"{part.name}: the stored {result.model} leaves {1e3 * rmse_v:.4g} mV on it now, where the "
         f"result says {1e3 * stored.rmse_v:.4g} mV; identify again with this version"
@@ -177,14 +179,14 @@ def validated(stored: Result, record: Given, window: Window | None, reading: Rea
     """`Result.validate`: a stored circuit on another record."""
     measured, window, warnings = read_for(stored, record, window, reading)
     content = Content(measured)
-    for own in stored.of_role("identification"):
-        if own.sha256 == measured.sha256 or (own.fingerprint and content.holds(own.fingerprint)):
-            warnings.append(Notice("role.same-record", {"other": own.name}, measured.name))
+    for part in stored.of_role("identification"):
+        if part.sha256 == measured.sha256 or (part.fingerprint and content.holds(part.fingerprint)):
+            warnings.append(Notice("role.same-record", {"other": part.name}, measured.name))
     with telling(warnings):
         prepared = prepare_record(measured, stored.cell, stored.model, window)
     by_circuit = stored.fits.evaluate
-    found = with_registered(evaluate_from_either(prepared, by_circuit), by_circuit)
+    evaluation = with_registered(evaluate_from_either(prepared, by_circuit), by_circuit)
     warnings += no_temperature(prepared, stored.fits)
-    told = (*warnings, *measured.notes, *measured.warnings, *prepared.warnings)
-    told += tuple(rest_warnings(prepared))
-    return replace(found, warnings=tuple(dict.fromkeys(told)))
+    every = (*warnings, *measured.notes, *measured.warnings, *prepared.warnings)
+    every += tuple(rest_warnings(prepared))
+    return replace(evaluation, warnings=tuple(dict.fromkeys(every)))

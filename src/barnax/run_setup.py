@@ -63,7 +63,7 @@ def with_joint_starts(problem: Problem) -> Problem:
     """The problem of one record with the start that its voltages tell where that fits best together
     with the circuit, held to the rest's by its standard error, if that is worth millivolts."""
     first, *others = problem.prepared_records
-    told, sd = first.start, float(first.start.soc_sd)
+    given, sd = first.start, float(first.start.soc_sd)
     doubt_v = sd * first.cell.ocv_slope(first.soc[:1])[0]
     # Several records tell each other's starts.
     is_open = doubt_v >= LEAST_DOUBT_V and not others and problem.is_compressible
@@ -72,12 +72,12 @@ def with_joint_starts(problem: Problem) -> Problem:
         joint = Covariance.of(linearize(problem, optimum.parameters))
         # In standard errors of what was told.
         step, error = float(joint.nuisances_step[0]), float(joint.nuisances_error[0])
-        away_soc = problem.prepared.start.soc + sd * step - told.soc
+        away_soc = problem.prepared.start.soc + sd * step - given.soc
         move = away_soc, 0.0, sd * error, 0.0
         moved = with_start(first, first, *move, by="circuit", told_sd=sd)
         if moved is None:
             break
-        start = replace(moved.start, direction_source=told.direction_source)
+        start = replace(moved.start, direction_source=given.direction_source)
         problem = replace(problem, prepared_records=(replace(moved, start=start),))
         if abs(step) < SETTLED * error:
             break
@@ -158,7 +158,7 @@ def set_up(first: Problem, inputs: Inputs, windows: Mapping[str, Window], job: J
     and with a constant circuit that is asked for, there is nothing to choose."""
     # A table has no capacitance to bound or hold.
     tables = bounded_tables(job, but="[F]" if job.over is None else None)
-    inputs, own = replace(inputs, cell=first.cell), inputs.fitted_ocv
+    inputs, fitted = replace(inputs, cell=first.cell), inputs.fitted_ocv
 
     def prepared(records: Iterable[Record], circuit: str) -> list[PreparedRecord]:
         return [prepare_record(one, first.cell, circuit, windows[one.name]) for one in records]
@@ -167,8 +167,8 @@ def set_up(first: Problem, inputs: Inputs, windows: Mapping[str, Window], job: J
 
     # A validation record that does not fit its window is refused before the search, not after.
     _ = validation(first.circuit)
-    if own is not None:
-        return Setup(first, validation, own.fits.settings, tried=own.tried, fits=own.fits)
+    if fitted is not None:
+        return Setup(first, validation, fitted.fits.settings, tried=fitted.tried, fits=fitted.fits)
     if job.over == OVER_TEMPERATURE:
         return Setup(first, validation, tables, over_temperature=True)
     if asks_for_constant(job):
@@ -199,10 +199,10 @@ def set_up(first: Problem, inputs: Inputs, windows: Mapping[str, Window], job: J
 
 def _on_windows(problem: Problem, registered: Sequence[PreparedRecord]) -> Problem:
     """The problem with starts and capacities as other records tell them."""
-    windows = {own.record.name: own.window for own in registered}
-    if all(windows[own.record.name] == own.window for own in problem.prepared_records):
+    windows = {one.record.name: one.window for one in registered}
+    if all(windows[one.record.name] == one.window for one in problem.prepared_records):
         return problem
-    records = tuple(own.in_window(windows[own.record.name]) for own in problem.prepared_records)
+    records = tuple(one.in_window(windows[one.record.name]) for one in problem.prepared_records)
     return replace(problem, prepared_records=records)
 
 
@@ -212,7 +212,7 @@ def bounded_tables(job: Job, but: str | None = None) -> TableSettings:
     ranges, tables = ranges_of(job.bounds)[1], job.table_settings
 
     def kept(given: Mapping[str, Any] | None) -> dict[str, Any]:
-        return {name: own for name, own in (given or {}).items() if but is None or but not in name}
+        return {name: v for name, v in (given or {}).items() if but is None or but not in name}
 
     bounds, fixed = kept(ranges), kept(job.fix)
     return replace(tables, bounds={**bounds, **tables.bounds}, fixed={**fixed, **tables.fixed})
@@ -234,16 +234,16 @@ def own_ocv_of(job: Job, records: Sequence[Record]) -> FittedOcv:
             raise Notice("ocv-test.missing", {"asked": what}).error()
     windows = {record.name: window_of(job.window, record.name).unregistered for record in records}
     tables = bounded_tables(job)
-    own = UntestedRecords.of(records, windows, tables, job.capacity)
+    untested = UntestedRecords.of(records, windows, tables, job.capacity)
     if job.over == OVER_TEMPERATURE:
-        return fit_temperatures_with_ocv(own, job.model or "so-rc")
+        return fit_temperatures_with_ocv(untested, job.model or "so-rc")
     over_soc = None if job.model is None and job.over is None else job.over is not None
-    limits = limits_of(own.level, tables, job.model, over_soc, has_ocv=True)
+    limits = limits_of(untested.level, tables, job.model, over_soc, has_ocv=True)
     starts: dict[str, Starts] = {}
 
     def prepare(circuit: str) -> list[PreparedRecord]:
-        starts[circuit] = own.starts(circuit, next(iter(starts.values()), None))
-        return own.prepared(circuit, starts[circuit].windows)
+        starts[circuit] = untested.starts(circuit, next(iter(starts.values()), None))
+        return untested.prepared(circuit, starts[circuit].windows)
 
     choice = choose(prepare, tables, limits)
     chosen, point = choice.chosen, choice.chosen.point
@@ -253,23 +253,25 @@ def own_ocv_of(job: Job, records: Sequence[Record]) -> FittedOcv:
         objective = reduced_objective(prepared, chosen.objective.settings)
         chosen = Fitted(point, objective, find_best(objective), chosen.loss)
     # The starts of circuits with such a hysteresis are those of one of them.
-    alike = (known for known in starts if get_circuit(known).has_rate == point.has_rate)
+    alike = (circuit for circuit in starts if get_circuit(circuit).has_rate == point.has_rate)
     begun = starts[point.circuit if point.circuit in starts else next(alike)]
-    proved = prove_with_ocv(own, chosen.objective, chosen.best, begun)
+    proved = prove_with_ocv(untested, chosen.objective, chosen.best, begun)
     warnings = (*proved.warnings, *_left_out(choice))
     return replace(proved, tried=choice.tried, warnings=warnings)
 
 
 def _left_out(choice: Choice) -> Iterator[Notice]:
     """The warnings where what was asked for leaves out what the records show."""
-    left_out = {own.ladder: own for own in choice.tried if own.outcome == "not asked for"}
+    left_out = {tried.ladder: tried for tried in choice.tried if tried.outcome == "not asked for"}
     if "hysteresis" in left_out:
         given = choice.chosen.point.circuit, left_out["hysteresis"].circuit
         yield Notice("tables.hysteresis-left-out", {"circuit": given[0], "instead": given[1]})
     if "law" in left_out:
         yield Notice("tables.direction-left-out")
-    for own in choice.tried:
-        if own.ladder == "hysteresis" and own.outcome == "not determined":
+    for tried in choice.tried:
+        if tried.ladder == "hysteresis" and tried.outcome == "not determined":
             turned_soc = 3 / Policy.fastest_rate
-            yield Notice("tables.turns-at-once", {"turned_soc": turned_soc, "instead": own.circuit})
+            yield Notice(
+                "tables.turns-at-once", {"turned_soc": turned_soc, "instead": tried.circuit}
+            )
             return

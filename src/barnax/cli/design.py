@@ -113,13 +113,13 @@ def design(cell: Cell, test: Test, output: Output) -> None:
 def _earlier(result: Path | None) -> "barnax.Plan":
     """The records and OCV tests of the plan beside a result, by their whole paths; of pulse tests
     without an OCV test each is one too."""
-    from ..plan import Plan, found_anywhere, plan_from_toml
+    from ..plan import Plan, plan_from_toml, with_whole_paths
     from ..reopening import StoredInputs
 
     beside = None if result is None else StoredInputs.of(result).plan
     if beside is None or not beside.is_file():
         return Plan("identify", ())
-    plan = found_anywhere(plan_from_toml(beside), ())
+    plan = with_whole_paths(plan_from_toml(beside), ())
     tests = plan.of_role("OCV test")
     if plan.command == "hppc" and not tests:
         tests = [replace(part, role="OCV test") for part in plan.of_role("identification")]

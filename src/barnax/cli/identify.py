@@ -198,7 +198,7 @@ def _run(
     beside: dict[str, str] = {}
     # A name that no plan can hold costs the plan.
     if plan.unwritable is None:
-        beside[PLAN] = barnax.plan_to_toml(barnax.plan.found_anywhere(plan, result.inputs))
+        beside[PLAN] = barnax.plan_to_toml(barnax.plan.with_whole_paths(plan, result.inputs))
     run.deliver("result.json", result.to_json(), draw, beside)
     if unseen is not None:
         raise unseen

@@ -5,9 +5,9 @@ from .document import Part as Part
 from .document import Plan as Plan
 from .document import plan_from_toml as plan_from_toml
 from .document import plan_to_toml as plan_to_toml
-from .running import found_anywhere as found_anywhere
 from .running import plan_given as plan_given
 from .running import plan_of as plan_of
 from .running import planned as planned
 from .running import planned_window as planned_window
 from .running import with_choices as with_choices
+from .running import with_whole_paths as with_whole_paths

@@ -144,8 +144,8 @@ def _decide(draft: Draft, tests: Files, others: Files) -> Plan:
         missing = unfit if dynamic else NO_RECORD + MAKE_RECORD
         return Plan("identify", draft.parts(), missing=missing)
     record = runs[0]
-    is_own = is_pulsed and choice.tests == (record,)
-    why = f"{ocv_reason([record], choice.cell.capacity_ah)}; " if is_own else ""
+    is_pulse_test = is_pulsed and choice.tests == (record,)
+    why = f"{ocv_reason([record], choice.cell.capacity_ah)}; " if is_pulse_test else ""
     draft.take(record, "identification", why + words_of(draft, record))
     draft.take_tests(choice)
     if draft.is_over or is_pulsed:
@@ -158,7 +158,7 @@ def _decide(draft: Draft, tests: Files, others: Files) -> Plan:
         if choice.cell.has_flat_ocv:
             _take_charges(draft, record, choice)
     _leave_others(draft, choice, chosen)
-    options, reasons = ({}, {}) if is_own else options_of(draft, runs, choice)
+    options, reasons = ({}, {}) if is_pulse_test else options_of(draft, runs, choice)
     return Plan("hppc" if is_pulsed else "identify", draft.parts(), options, reasons)
 
 
@@ -179,9 +179,9 @@ def _of_several_cells(draft: Draft, cells: Mapping[Path, Files]) -> Plan:
 def _on_records(draft: Draft, groups: Sequence[Files]) -> Plan | None:
     """A plan without an OCV test, where records of some temperature can do without, or over
     temperature those of several: the OCV is then the records' own."""
-    known = [group for group in groups if draft.is_over and group[0].temperature_degc is not None]
+    dated = [group for group in groups if draft.is_over and group[0].temperature_degc is not None]
     # If the temperatures are too few, that is refused as for files whose roles are given.
-    for together in (known, *([group] for group in groups)):
+    for together in (dated, *([group] for group in groups)):
         runs = [run for group in together for run in _without_test(draft, group)]
         if not runs:
             continue
@@ -193,15 +193,15 @@ def _on_records(draft: Draft, groups: Sequence[Files]) -> Plan | None:
             if missing := file.missing_for(draft.given_ah):
                 draft.take(file, "validation", f"too little to identify on: {missing}")
             else:
-                told = "; ".join(filter(None, (words_of(draft, file), why)))
-                draft.take(file, "identification", told)
+                reason = "; ".join(filter(None, (words_of(draft, file), why)))
+                draft.take(file, "identification", reason)
         if draft.is_over:
             draft.tell_temperatures()
         at = named_degc(record.temperature_degc)
         for file in draft.free:
-            own = f"measured{named_degc(file.temperature_degc)}, and {record.name}{at}"
+            elsewhere = f"measured{named_degc(file.temperature_degc)}, and {record.name}{at}"
             is_there = is_same_degc(file.temperature_degc, record.temperature_degc)
-            draft.take(file, "not used", why_useless(file, None) if is_there else own)
+            draft.take(file, "not used", why_useless(file, None) if is_there else elsewhere)
         given = {} if draft.given_ah is None else {"capacity": draft.given_ah}
         return Plan("identify", draft.parts(), given, dict.fromkeys(given, "given"))
     return None
@@ -313,10 +313,10 @@ def _take_other_temperatures(
         degc = group[0].temperature_degc
         if degc is None or is_same_degc(degc, record.temperature_degc):
             continue
-        own = [file for file in group if file.temperature_degc is not None]
+        dated = [file for file in group if file.temperature_degc is not None]
         if test is None or not (test.tells_temperature and choice.tells_temperature):
             test = choice
-        for file in _runnable(draft, own, test, is_pulsed)[:1]:
+        for file in _runnable(draft, dated, test, is_pulsed)[:1]:
             why = f"for tables over temperature too: {words_of(draft, file)}"
             draft.take(file, "identification", why)
             draft.take_tests(test)
@@ -325,8 +325,8 @@ def _take_other_temperatures(
 
 def _leave_others(draft: Draft, choice: OcvChoice, chosen: Chosen) -> None:
     """Give the files that are left no role, with the reason."""
-    known = (test.temperature_degc for test in choice.tests if test.temperature_degc is not None)
-    degc = next(known, None)
+    degcs = (test.temperature_degc for test in choice.tests if test.temperature_degc is not None)
+    degc = next(degcs, None)
     usable = {file for group, test in chosen if test for file in (*group, *test.tests)}
     names = " and ".join(test.name for test in choice.tests)
     for file in draft.free:
@@ -345,18 +345,18 @@ def options_of(
     draft: Draft, runs: Files, choice: OcvChoice
 ) -> tuple[dict[str, Any], dict[str, str]]:
     """Arguments of `identify` that the files decide, and why."""
-    record, own_ah = runs[0], None
+    record, record_ah = runs[0], None
     for file in runs if draft.given_ah is None else ():
         window = draft.window(file)
         is_full = window.initial_soc == 1.0 or draft.starts.get(file, SHOWN).is_full
         taken_ah = record_capacity_ah(file, window, choice, is_full)
         is_used = draft.taken[file][0] == "identification"
-        if taken_ah is not None and is_used and taken_ah > (own_ah or 0.0):
-            record, own_ah = file, taken_ah
+        if taken_ah is not None and is_used and taken_ah > (record_ah or 0.0):
+            record, record_ah = file, taken_ah
     capacity_ah, reason = draft.given_ah, "given"
-    if capacity_ah is None and draft.window(record).capacity_ah is None and own_ah is not None:
+    if capacity_ah is None and draft.window(record).capacity_ah is None and record_ah is not None:
         test = f"the OCV test has {choice.cell.capacity_ah:.4g} Ah"
-        capacity_ah = own_ah
+        capacity_ah = record_ah
         reason = f"the Ah that {record.name} takes out of the full cell; {test}"
     elif capacity_ah is None and choice.capacity_ah is not None:
         capacity_ah = float(f"{choice.capacity_ah:.{DIGITS}g}")

@@ -143,10 +143,10 @@ class Plan(Brief):
             windows[""] = replace(common, capacity_ah=None)
         parts = []
         for part in self.parts:
-            own = window_of(windows, part.name)
+            chosen = window_of(windows, part.name)
             if part.is_simulated or (part.role == "OCV test" and part.name in windows):
-                plans_soc = part.plans_soc and own.initial_soc is None
-                part = replace(part, window=merged(part.window, own), plans_soc=plans_soc)
+                plans_soc = part.plans_soc and chosen.initial_soc is None
+                part = replace(part, window=merged(part.window, chosen), plans_soc=plans_soc)
             parts.append(part)
         given = {name: value for name, value in options.items() if value is not None}
         return replace(
@@ -169,7 +169,7 @@ _HEAD = (
 
 # Options of a record, in the order of a `Window`, by the fields that they are.
 _OPTION_OF = {name: option for option, (name, *_) in WINDOW_OPTIONS.items()}
-_FIELD_OF = {_OPTION_OF[own.name]: own.name for own in fields(Window) if own.name in _OPTION_OF}
+_FIELD_OF = {_OPTION_OF[one.name]: one.name for one in fields(Window) if one.name in _OPTION_OF}
 # What was found of a file: results tell it again.
 _FINDINGS = ("kind", "reason", "sha256", "temperature_degc", "plans_soc", "sampling")
 # The types of options of a record, of the run by the names of `barnax.identify` (one capacity for
@@ -203,12 +203,12 @@ def plan_to_toml(plan: Plan) -> str:
     document.add(tomlkit.nl())
     document.add("command", tomlkit.item(plan.command))
     values = {name: value for name, value in plan.options.items() if value is not None}
-    for name, value in (values | _known(plan.window)).items():
+    for name, value in (values | _values(plan.window)).items():
         document.add(name, tomlkit.item(str(value) if isinstance(value, Path) else value))
     reasons = {name: reason for name, reason in plan.reasons.items() if reason != GIVEN}
     if reasons:
         document.add("reasons", tomlkit.item(reasons))
-    document.add("files", tomlkit.item([_table(part, _known(plan.window)) for part in plan.parts]))
+    document.add("files", tomlkit.item([_table(part, _values(plan.window)) for part in plan.parts]))
     # Comments are printable already: what is left stands in quotes.
     return "".join(
         letter if letter == "\n" or letter.isprintable() else f"\\U{ord(letter):08x}"
@@ -221,17 +221,17 @@ def _table(part: Part, common: Mapping[str, Any]) -> dict[str, Any]:
     table: dict[str, Any] = {"file": paths if part.more else paths[0], "role": part.role}
     if part.span_s is not None:
         table |= {"name": part.name, "span": list(part.span_s)}
-    own = _known(part.window)
+    values = _values(part.window)
     starts = [option for option, name in _FIELD_OF.items() if name in START]
-    if all(own.get(option) == common.get(option) for option in starts):
-        own = {option: value for option, value in own.items() if value != common.get(option)}
-    found = ((name, getattr(part, name)) for name in _FINDINGS)
+    if all(values.get(option) == common.get(option) for option in starts):
+        values = {option: value for option, value in values.items() if value != common.get(option)}
+    facts = ((name, getattr(part, name)) for name in _FINDINGS)
     # 0 degC is told.
-    findings = {name: v for name, v in found if v not in (None, "") and v is not False}
-    return table | own | findings
+    findings = {name: v for name, v in facts if v not in (None, "") and v is not False}
+    return table | values | findings
 
 
-def _known(window: Window) -> dict[str, Any]:
+def _values(window: Window) -> dict[str, Any]:
     """The values of a window, by the names of options."""
     values = ((option, getattr(window, name)) for option, name in _FIELD_OF.items())
     return {option: value for option, value in values if value is not None}
@@ -269,7 +269,7 @@ def plan_from_toml(path: str | Path) -> Plan:
     warnings: tuple[Notice, ...] = ()
     if isinstance(options.get("bounds"), str):
         bounds = Path(options["bounds"])
-        options["bounds"], warnings = find_planned(bounds, bounds.name, place=path.parent)
+        options["bounds"], warnings = find_planned(bounds, bounds.name, beside=path.parent)
     try:
         _, window = Job(**options), Window(**common)
     except InputError as problem:
@@ -308,25 +308,25 @@ def _part(shown: str, table: Mapping[str, Any], common: Window) -> Part:
     return replace(part, window=merged(common, window)) if part.is_simulated else part
 
 
-def _named(parts: tuple[Part, ...], place: Path) -> tuple[tuple[Part, ...], tuple[Notice, ...]]:
+def _named(parts: tuple[Part, ...], folder: Path) -> tuple[tuple[Part, ...], tuple[Notice, ...]]:
     """The parts where they lie, by the names that results will call their files, and warnings."""
     used = (path for part in parts if part.role != "not used" for path in part.paths)
     names = file_names(used)
-    found, warnings = [], dict[Notice, None]()
+    named, warnings = [], dict[Notice, None]()
     # A file is read once, however many parts of it are planned.
-    find = functools.cache(functools.partial(find_planned, place=place))
+    find = functools.cache(functools.partial(find_planned, beside=folder))
     for part in parts:
         digests = part.sha256.split() or [""] * len(part.paths)
         if len(digests) != len(part.paths):
             raise InputError(f"{part.path}: a plan has one digest for each file of a log, or none")
-        own = [names.get(path, path.name) for path in part.paths]
-        lies = [find(*each) for each in zip(part.paths, own, digests, strict=True)]
+        file_labels = [names.get(path, path.name) for path in part.paths]
+        lies = [find(*each) for each in zip(part.paths, file_labels, digests, strict=True)]
         (path, *more), taken = zip(*lies, strict=True)
-        name = part.name or NEXT_FILE.join(own)
-        found.append(replace(part, path=path, more=tuple(more), name=name))
+        name = part.name or NEXT_FILE.join(file_labels)
+        named.append(replace(part, path=path, more=tuple(more), name=name))
         if part.role != "not used":
             warnings |= dict.fromkeys(notice for several in taken for notice in several)
-    return tuple(found), tuple(warnings)
+    return tuple(named), tuple(warnings)
 
 
 def _read(shown: str, table: Mapping[str, Any], hints: Mapping[str, Any]) -> dict[str, Any]:

@@ -113,7 +113,7 @@ class Draft:
                 temperature_degc=file.temperature_degc,
                 plans_soc=window.initial_soc is not None and file.chosen.initial_soc is None,
                 more=file.more,
-                source=None if role == "not used" else file.known or file.source,
+                source=None if role == "not used" else file.given or file.source,
                 sha256=file.source.sha256 if file.source else "",
             )
             parts.append(part)

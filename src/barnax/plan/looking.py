@@ -52,7 +52,7 @@ class CandidateFile:
     cannot be read. `traits` are those of a record, and
     `warnings` the number of those about it. `starts_full` says that the file shows a charge to full
     right before this part of it, `chosen` what its user says of it, and `how` how it is read. What
-    is given as a record or table is `known`, and not looked at.
+    is given as a record or table is `given`, and not looked at.
     """
 
     path: Path
@@ -67,7 +67,7 @@ class CandidateFile:
     starts_full: bool = False
     chosen: Window = field(default_factory=Window)
     how: Mapping[str, Any] = field(default_factory=dict)
-    known: Record | OcvTable | None = None
+    given: Record | OcvTable | None = None
 
     @property
     def is_record(self) -> bool:
@@ -86,7 +86,7 @@ class CandidateFile:
     def kind(self, capacity_ah: float | None) -> Kind | str:
         """The kind of file, for a cell of that capacity."""
         if self.is_record:
-            return "" if self.known else self.traits.kind(capacity_ah)
+            return "" if self.given else self.traits.kind(capacity_ah)
         return "unreadable" if self.refusal else "OCV table"
 
     def missing_for(self, capacity_ah: float | None, is_validated: bool = False) -> str:
@@ -95,16 +95,16 @@ class CandidateFile:
 
     @cached_property
     def record(self) -> Record:
-        known = self.known if isinstance(self.known, Record) else None
-        return known or read_record(self.known_source, **self.how)
+        given = self.given if isinstance(self.given, Record) else None
+        return given or read_record(self.readable, **self.how)
 
     @cached_property
     def table(self) -> OcvTable:
-        known = self.known if isinstance(self.known, OcvTable) else None
-        return known or read_ocv_table(self.known_source)
+        given = self.given if isinstance(self.given, OcvTable) else None
+        return given or read_ocv_table(self.readable)
 
     @property
-    def known_source(self) -> Source:
+    def readable(self) -> Source:
         assert self.source is not None, "what cannot be read is asked for nothing"
         return self.source
 
@@ -178,7 +178,7 @@ def look(
                     is_record = isinstance(source, Record)
                     degc = temperature_of(source, chosen) if is_record else None
                     traits = Traits(temperature_degc=degc) if is_record else NO_TRAITS
-                    file = replace(file, known=source, traits=traits)
+                    file = replace(file, given=source, traits=traits)
             except InputError as problem:
                 file = replace(file, refusal=problem)
         looked[role].append(file)
@@ -223,7 +223,7 @@ def _whole_logs(
 
 def _as_one(log: Files, evidence: str, common: Window) -> Files:
     try:
-        source = joined([file.known_source for file in log])
+        source = joined([file.readable for file in log])
         more = tuple(file.path for file in log[1:])
         whole = replace(log[0], name=source.name, source=source, more=more, evidence=evidence)
         checked = _checked(replace(whole, chosen=common))
@@ -235,7 +235,7 @@ def _as_one(log: Files, evidence: str, common: Window) -> Files:
 def _checked(file: CandidateFile) -> CandidateFile:
     """A file that was read, with what the checks tell of it. Raises `InputError` where they cannot
     look at it."""
-    check = check_file(file.known_source, rest_current_a=file.chosen.rest_current_a, **file.how)
+    check = check_file(file.readable, rest_current_a=file.chosen.rest_current_a, **file.how)
     roles = {role.name: role for role in check.roles}
     if check.traits is None and roles:
         return replace(file, roles=roles)
@@ -253,7 +253,7 @@ def split(file: CandidateFile) -> list[CandidateFile]:
         return [file]
     names = [f"{file.name}#{number}" for number in range(1, len(parts) + 1)]
     return [
-        replace(part, name=name, source=replace(part.known_source, name=name))
+        replace(part, name=name, source=replace(part.readable, name=name))
         for part, name in zip(parts, names, strict=True)
     ]
 
@@ -272,7 +272,7 @@ def _joined(file: CandidateFile, parts: Iterable[CandidateFile]) -> list[Candida
         if not are_drives or part.starts_full:
             joined.append(part)
             continue
-        spans = [piece.known_source.span_s or (0.0, 0.0) for piece in (joined[-1], part)]
+        spans = [piece.readable.span_s or (0.0, 0.0) for piece in (joined[-1], part)]
         first, last = np.searchsorted(file.record.time_s, [spans[0][0], spans[1][1]]).tolist()
         joined[-1] = _part(file, first, last, joined[-1].starts_full)
     return joined
@@ -300,7 +300,7 @@ def _tests(file: CandidateFile) -> Iterator[CandidateFile]:
 
 def _part(file: CandidateFile, first: int, last: int, is_full: bool = False) -> CandidateFile:
     time_s = file.record.time_s
-    source = replace(file.known_source, span_s=(float(time_s[first]), float(time_s[last])))
+    source = replace(file.readable, span_s=(float(time_s[first]), float(time_s[last])))
     part = CandidateFile(file.path, file.name, source, file.more, file.evidence)
     chosen = file.chosen
     return _checked(replace(part, starts_full=is_full, chosen=chosen, how=file.how))
@@ -341,14 +341,14 @@ def by_temperature(files: Files) -> Iterator[tuple[float | None, Files]]:
     """The files of each temperature: the most first, and of equally many those nearest to room."""
     unknown = [file for file in files if file.temperature_degc is None]
     by_name = sorted(files, key=lambda file: file.name)
-    known = [(degc, file) for file in by_name if (degc := file.temperature_degc) is not None]
+    measured = [(degc, file) for file in by_name if (degc := file.temperature_degc) is not None]
 
     def rank(group: Files) -> tuple[int, float]:
         degc = group[0].temperature_degc
         return -len(group), np.inf if degc is None else abs(degc - REFERENCE_DEGC)
 
     # A file of unknown temperature may be of any.
-    groups = [*group_near(known).values()]
+    groups = [*group_near(measured).values()]
     groups += [[file for file in by_name if file in unknown]] if unknown else []
     for group in sorted(groups, key=rank):
         degc = group[0].temperature_degc

@@ -59,8 +59,8 @@ def plan_of(job: Job) -> Plan | None:
     paths = [Path(source) for source in given if isinstance(source, str | Path)]
     if len(given) == len(paths) == 1 and paths[0].suffix.lower() == ".toml":
         return plan_from_toml(paths[0])
-    are_told = not any(map(os.path.isdir, paths)) and listed(job.ocv)
-    if are_told or job.cell is not None or len(paths) < len(given):
+    have_roles = not any(map(os.path.isdir, paths)) and listed(job.ocv)
+    if have_roles or job.cell is not None or len(paths) < len(given):
         return plan_given(job)
     return plan(job)
 
@@ -87,7 +87,7 @@ def plan_given(job: Job, command: Literal["identify", "hppc"] = "identify") -> P
             raise file.refusal
         if file.refusal:
             # What the checks alone refuse can be read.
-            read_ocv_test(file.known_source, **file.how)
+            read_ocv_test(file.readable, **file.how)
     tests = [file for file in looked["OCV test"] if not file.refusal]
     draft, choices = Draft([*of_role], given_ah=given_ah_of(job)), dict[CandidateFile, OcvChoice]()
     for file, role in of_role.items():
@@ -110,61 +110,61 @@ def plan_given(job: Job, command: Literal["identify", "hppc"] = "identify") -> P
 
 
 def planned_window(
-    record: Source | Record, cell: CellModel, reading: Reading, known: Window
+    record: Source | Record, cell: CellModel, reading: Reading, common: Window
 ) -> Window:
     """The window of a record to validate on a known cell, with what is known of it."""
-    (file,) = look({"validation": [record]}, reading, unwatched, {"": known})["validation"]
+    (file,) = look({"validation": [record]}, reading, unwatched, {"": common})["validation"]
     draft = Draft([file])
     draft.start_given(file, (), cell)
     return draft.window(file)
 
 
-def with_choices(found: Plan, job: Job) -> Plan:
+def with_choices(made: Plan, job: Job) -> Plan:
     """A plan with all that was chosen otherwise."""
     chosen = {name: value for name, value in job.chosen.items() if name in PLANNED}
-    return found.changed(job.window, **chosen)
+    return made.changed(job.window, **chosen)
 
 
-def found_anywhere(found: Plan, inputs: Sequence[InputPart]) -> Plan:
+def with_whole_paths(made: Plan, inputs: Sequence[InputPart]) -> Plan:
     """A plan that was run on these inputs, with its files by their whole paths and digests."""
-    known = {part.name: part.sha256 for part in inputs}
+    digests = {part.name: part.sha256 for part in inputs}
     parts = []
-    for part in found.parts:
+    for part in made.parts:
         path = part.path if part.path == STDIN else part.path.absolute()
         more = tuple(path.absolute() for path in part.more)
-        sha256 = known.get(part.name, part.sha256)
+        sha256 = digests.get(part.name, part.sha256)
         parts.append(replace(part, path=path, more=more, sha256=sha256))
-    options = dict(found.options)
+    options = dict(made.options)
     if isinstance(bounds := options.get("bounds"), str | Path):
         options["bounds"] = Path(bounds).absolute()
-    return replace(found, parts=tuple(parts), options=options)
+    return replace(made, parts=tuple(parts), options=options)
 
 
-def planned(found: Plan, job: Asked) -> Asked:
+def planned(made: Plan, job: Asked) -> Asked:
     """The job that a plan is; what was chosen in `job` replaces what the plan has.
 
     Raises `InputError` where a test is missing.
     """
-    if found.missing:
-        raise InputError("\n".join([found.missing, *found.lines]))
-    found = found.changed(job.window, capacity=job.capacity)
+    if made.missing:
+        raise InputError("\n".join([made.missing, *made.lines]))
+    made = made.changed(job.window, capacity=job.capacity)
     chosen = {name: value for name, value in job.chosen.items() if name != "capacity"}
-    job = type(job)(**{**found.options, **chosen})
+    job = type(job)(**{**made.options, **chosen})
     # Windows for names that are not simulated are refused further on.
-    windows = {**windows_by_name(job.window), "": found.window}
-    for part in found.parts:
+    windows = {**windows_by_name(job.window), "": made.window}
+    for part in made.parts:
         # Of an OCV test its temperature counts.
         if part.is_simulated or part.window.temperature_degc is not None:
             windows[part.name] = part.window
-    records, tests = (_sources(found, role, job) for role in ("identification", "OCV test"))
+    records, tests = (_sources(made, role, job) for role in ("identification", "OCV test"))
     job = job.changed(records=records, ocv=tests, window=windows)
-    if found.command == "hppc":
+    if made.command == "hppc":
         job = prepare_pulse_tests(job)
-    return job.changed(validate=_sources(found, "validation", job))
+    return job.changed(validate=_sources(made, "validation", job))
 
 
-def _sources(found: Plan, role: Use, reading: Reading) -> list[Any]:
-    return [_source(part, reading) for part in found.of_role(role)]
+def _sources(made: Plan, role: Use, reading: Reading) -> list[Any]:
+    return [_source(part, reading) for part in made.of_role(role)]
 
 
 def _source(part: Part, reading: Reading) -> Any:
@@ -205,7 +205,7 @@ def prepare_pulse_tests(job: Asked) -> Asked:
             sources = [alike[0].source for alike in by_degc.values()]
             job = job.changed(ocv=sources, ocv_current_sign=job.current_sign, **fit)
         # From the rest before the first pulse on, but where something else is chosen.
-        windows = {test.record.name: _own_window(test, cell, chosen) for test in tests}
+        windows = {test.record.name: _pulse_window(test, cell, chosen) for test in tests}
     return job.changed(
         records=[test.source for test in tests],
         over=job.over or ("soc" if len(by_degc) == 1 else OVER_TEMPERATURE),
@@ -235,11 +235,11 @@ def _read(given: Sequence[Any], reading: Reading) -> list[_Test]:
 
 def _degc(test: _Test, chosen: Mapping[str, Window]) -> float:
     """The temperature given for a test, else its median; the reference where none is known."""
-    known = temperature_of(test.record, window_of(chosen, test.record.name))
-    return REFERENCE_DEGC if known is None else known
+    degc = temperature_of(test.record, window_of(chosen, test.record.name))
+    return REFERENCE_DEGC if degc is None else degc
 
 
-def _own_window(test: _Test, cell: CellModel | None, chosen: Mapping[str, Window]) -> Window:
+def _pulse_window(test: _Test, cell: CellModel | None, chosen: Mapping[str, Window]) -> Window:
     """The window of a pulse test, from its first OCV point on, at that point's state of charge.
 
     Where the OCV is of another record, or `cell` is None, at the end of the rest before the first

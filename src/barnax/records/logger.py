@@ -127,11 +127,11 @@ class Logger:
 
     def sampling(self, evidence: SamplingEvidence) -> Decision:
         """The sampling of one of its records; what the record itself proves is its own."""
-        own = evidence.proof
-        if own is not None and (own.strength == "strong" or self.proof is None):
-            return own
+        proof = evidence.proof
+        if proof is not None and (proof.strength == "strong" or self.proof is None):
+            return proof
         if self.proof is not None:
-            return own if own and own.value == self.proof.value else self.proof
+            return proof if proof and proof.value == self.proof.value else self.proof
         pooled = "" if self.slow_records < 2 else f" in {counted(self.slow_records, 'record')}"
         if evidence.slow is not None and self.slow.changes_between:
             reason = (

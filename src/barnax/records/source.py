@@ -42,11 +42,12 @@ _TEMPORARY = (".", "~$")
 def examine_suffix(file: str, content: bytes) -> tuple[Notice, ...]:
     """A note where a file's suffix promises another format than its content is."""
     suffix = PurePath(file).suffix.lower()
-    known = {own for _, suffixes in _CONTENT.values() for own in suffixes}
+    all_suffixes = {entry for _, suffixes in _CONTENT.values() for entry in suffixes}
     kind, suffixes = next(
-        (own for start, own in _CONTENT.items() if content.startswith(start)), ("text", ())
+        (entry for start, entry in _CONTENT.items() if content.startswith(start)),
+        ("text", ()),
     )
-    if suffix in suffixes or (suffix not in known and kind == "text"):
+    if suffix in suffixes or (suffix not in all_suffixes and kind == "text"):
         return ()
     return (Notice("format.suffix", {"content": kind, "suffix": suffix}),)
 
@@ -119,40 +120,40 @@ def read_source(
         with catch_warnings(record=True, action="always", category=UserWarning) as caught:
             table = read_table(content, name, given)
         sha256 = hashing.result()
-    found = examine_suffix(name, content)
+    findings = examine_suffix(name, content)
     texts = dict.fromkeys(cut(printable(str(one.message)), _LONGEST_WARNING) for one in caught)
     notes = (*table.notes, *(Notice("format.library", {"text": text}) for text in texts))
     table = replace(table, notes=notes)
-    return Source(name, _clean(table, given), sha256, found, series=series)
+    return Source(name, _clean(table, given), sha256, findings, series=series)
 
 
-def folders_around(place: Path) -> tuple[Path, ...]:
+def folders_around(folder: Path) -> tuple[Path, ...]:
     """The folders in which a file is looked for that a plan or a result in `place` names: its data
     may have moved with it."""
-    has_name = place.name not in ("", "..")
-    return tuple(dict.fromkeys((place, (place if has_name else place.resolve()).parent, Path())))
+    has_name = folder.name not in ("", "..")
+    return tuple(dict.fromkeys((folder, (folder if has_name else folder.resolve()).parent, Path())))
 
 
 def find_file(name: str, sha256: str, folders: Sequence[Path]) -> Path | Notice:
     """The file of that name in one of the folders, and of that content if its digest is given; why
     there is none."""
-    places = [folder / name for folder in folders if (folder / name).is_file()]
-    if not places:
+    paths = [folder / name for folder in folders if (folder / name).is_file()]
+    if not paths:
         return Notice("file.not-found", {"folders": ", ".join(map(str, folders))}, name)
-    for place in places:
-        if not sha256 or sha256 == _sha256_of(place):
-            return place
-    return Notice("file.not-found", subject=str(places[0]))
+    for path in paths:
+        if not sha256 or sha256 == _sha256_of(path):
+            return path
+    return Notice("file.not-found", subject=str(paths[0]))
 
 
 def find_planned(
-    file: Path, name: str, sha256: str = "", *, place: Path
+    file: Path, name: str, sha256: str = "", *, beside: Path
 ) -> tuple[Path, tuple[Notice, ...]]:
     """A file that a plan in `place` names, where it lies, with a warning where its digest says that
     it is another one now, or where only its name says that it is the one: it lies elsewhere, and
     its digest is not known."""
-    named = [path for path in dict.fromkeys((place / file, file)) if os.path.isfile(path)]
-    around = [path for folder in folders_around(place) if os.path.isfile(path := folder / name)]
+    named = [path for path in dict.fromkeys((beside / file, file)) if os.path.isfile(path)]
+    around = [path for folder in folders_around(beside) if os.path.isfile(path := folder / name)]
     digests = {path: _sha256_of(path) for path in named or around} if sha256 else {}
     for path, digest in digests.items():
         if digest == sha256:
@@ -242,8 +243,8 @@ def _read_content(path: Path) -> bytes:
         reason = "missing"
     except (OSError, ValueError) as error:
         reason = str(getattr(error, "strerror", None) or error)
-    told = {"reason": reason, "limit_gb": LARGEST_FILE / 1e9}
-    raise Notice("file.unreadable", told, str(path)).error(".")
+    values = {"reason": reason, "limit_gb": LARGEST_FILE / 1e9}
+    raise Notice("file.unreadable", values, str(path)).error(".")
 
 
 def files_of(sources: Sequence[Any], folders: Sequence[Path] = ()) -> list[Any]:

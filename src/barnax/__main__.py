@@ -38,7 +38,7 @@ def main() -> None:
         signal.signal(number, _stop)
     # Modules are many objects and no garbage: looking through them for some, at Python's usual
     # intervals and once more at the end, took a tenth of `barnax identify` on short records.
-    gc.set_threshold(50_000, 20, 20)
+    gc.set_threshold(500_000, 20, 20)
     atexit.register(gc.freeze)
     from .devices import prefer_cpu
 

@@ -1,6 +1,6 @@
 """The coordinates that an optimizer moves in, and the map from a point to a circuit."""
 
-from typing import Literal
+from typing import Any, Literal
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -88,19 +88,19 @@ class Coordinates(eqx.Module):
             high_s = high_s * [each[0] for each in ratios]
         return float(low_s.min()), float(high_s.max())
 
-    def decode(self, point: Float[Array, "free"]) -> RCParameters:
-        """The circuit at a point."""
+    def decode(self, point: Float[Array, "free"], xp: Any = jnp) -> RCParameters:
+        """The circuit at a point, by JAX; by `numpy` also the circuits at points, one a column."""
         # Picked one by one: a scatter would cost more than many simulations' steps.
         chosen = [
             point[self.free.index(slot)] if slot in self.free else self.fixed[slot]
             for slot in range(len(self.fixed))
         ]
-        r0, *rest = [jnp.exp(value) for value in chosen] if self.is_log else chosen
+        r0, *rest = [xp.exp(value) for value in chosen] if self.is_log else chosen
         gamma = rest.pop() if len(rest) % 2 else None
         resistances, tau = rest[::2], []
         for pair, (r, x) in enumerate(zip(resistances, rest[1::2], strict=True)):
             low, high = self.tau_limits_s[pair]
-            tau.append(x if self.holds_tau[pair] else jnp.clip(r * x, low, high))
+            tau.append(x if self.holds_tau[pair] else xp.clip(r * x, low, high))
         return RCParameters(r0, tuple(resistances), tuple(tau), gamma, self.elements)
 
     def encode(self, rc: RCParameters) -> Float[np.ndarray, "*points free"]:

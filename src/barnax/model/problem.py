@@ -180,7 +180,9 @@ class Problem(Brief):
         self, points: Sequence[Float[np.ndarray, "free"]], coordinates: Coordinates
     ) -> list[CircuitParameters]:
         """The circuits at some points, pairs ordered by tau where both have one box."""
-        circuits = jax.tree.map(np.asarray, _decode(as_input(points), coordinates))
+        # In NumPy: JAX would compile a program for every number of points.
+        decoded = coordinates.decode(np.transpose(points), np)
+        circuits = jax.tree.map(lambda leaf: np.broadcast_to(leaf, len(points)), decoded)
         decoded = []
         for index in range(len(points)):
             one = jax.tree.map(lambda leaf, index=index: float(leaf[index]), circuits)
@@ -233,11 +235,6 @@ def point_blocks(
 
 def rmse_of_all(points: Float[Array, "points free"], objective: Objective):
     return jax.vmap(rmse, in_axes=(0, None))(points, objective)
-
-
-@eqx.filter_jit
-def _decode(points: Float[Array, "points free"], coordinates: Coordinates) -> RCParameters:
-    return jax.vmap(coordinates.decode)(points)
 
 
 @in_float64

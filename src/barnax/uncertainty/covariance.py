@@ -166,7 +166,12 @@ def compile_linearization(problem: Problem) -> None:
 def _errors_and_slopes(
     point: Float[Array, "free"], objective: Objective
 ) -> tuple[Float[Array, "samples"], Float[Array, "samples free"]]:
-    return residuals(point, objective), jax.jacfwd(residuals)(point, objective)
+    def errors(point):
+        error = residuals(point, objective)
+        return error, error
+
+    slope, error = jax.jacfwd(errors, has_aux=True)(point)
+    return error, slope
 
 
 @dataclass(frozen=True)

@@ -15,10 +15,8 @@ from ..cell.parameters import RATE
 from ..model.box_least_squares import (
     Columns,
     Sides,
-    errors_of,
     least_in_box,
     least_in_boxes,
-    normal_equations,
     with_free_values,
 )
 from ..model.descent import Axis, LogScales, Solved
@@ -123,22 +121,26 @@ class LinearObjective(abc.ABC):
                 solution = self.solve(tuple(scales), sides)
                 objectives_v2[index], sides = solution.objective_v2, solution.sides
             return objectives_v2
-        blocks, base = dict(self.fixed_columns), self.base
+        # A point's vectors are those of few scales: their products are taken once.
+        first = np.zeros(log_scales.shape[1], int)
+        vectors = {table: (own[None, :, 0], first) for table, own in self.fixed_columns.items()}
+        base = self.base[None], first
         for axis, where in zip(self.axes, log_scales, strict=True):
-            places, at = np.unique(where, return_inverse=True)
-            answers = axis.columns(places)[at]
+            scales, at = np.unique(where, return_inverse=True)
+            answers = axis.columns(scales)[:, :, 0]
             if axis.table is None:
-                base = base + answers[:, :, 0]
+                base = self.base + answers, at
             else:
-                blocks[axis.table] = blocks.get(axis.table, 0.0) + answers
-        shape = (log_scales.shape[1], len(self.base))
-        base = np.broadcast_to(base, shape)
-        columns = [np.broadcast_to(blocks[table][..., 0], shape) for table in range(self.tables)]
-        normal, gradient = normal_equations(columns, base)
-        normal = normal + self.penalty_normal[:, :, None]
-        x = least_in_boxes(normal, gradient, *self.box_at(log_scales))
-        error = errors_of(columns, base, x)
-        return np.sum(error**2, axis=1) + np.sum((self.penalty @ x) ** 2, axis=0)
+                fixed = self.fixed_columns.get(axis.table)
+                vectors[axis.table] = answers if fixed is None else answers + fixed[:, 0], at
+        every = [*(vectors[table] for table in range(self.tables)), base]
+        gram = np.array([[(one @ other.T)[at, to] for other, to in every] for one, at in every])
+        normal = gram[:-1, :-1] + self.penalty_normal[:, :, None]
+        x = least_in_boxes(normal, gram[-1, :-1], *self.box_at(log_scales))
+        # Of a fit to nine digits nothing but rounding is left, which may be below zero.
+        whole = np.append(x, np.ones_like(x[:1]), axis=0)
+        squares_v2 = np.maximum(np.einsum("ip,ijp,jp->p", whole, gram, whole), 0.0)
+        return squares_v2 + np.sum((self.penalty @ x) ** 2, axis=0)
 
     def slope(self, best: Solution) -> Float[np.ndarray, "axes"]:
         """The derivative of the least J by the scales: that at fixed unknowns, which are best."""

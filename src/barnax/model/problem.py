@@ -181,7 +181,7 @@ class Problem(Brief):
     ) -> list[CircuitParameters]:
         """The circuits at some points, pairs ordered by tau where both have one box."""
         # In NumPy: JAX would compile a program for every number of points.
-        decoded = coordinates.decode(np.asarray(points).T, np)
+        decoded = coordinates.decode(as_input(points).T, np)
         circuits = jax.tree.map(lambda leaf: np.broadcast_to(leaf, len(points)), decoded)
         decoded = []
         for index in range(len(points)):

@@ -17,6 +17,7 @@ from . import report
 from .cells import row_of, time_cells
 from .growth import grow_record, grow_seeds
 from .kernel import compile_kernel
+from .peers import run_peers
 from .reading import time_reading
 from .sizes import KEY, QUICK, Sizes
 from .startup import time_starts
@@ -67,6 +68,13 @@ def measure(sizes: Sizes, page: Page) -> None:
     page.add("## Growth with seeds", "", *report.seed_table(list(grow_seeds(sizes))))
     page.begin("start-up")
     page.add("## Start-up", "", *report.start_table(list(time_starts(sizes))))
+    page.begin("peers")
+    reduction = next(row for row in rows if row.work.startswith("the reduction"))
+    search = next(row for row in rows if "compressed, after" in row.work)
+    peers = report.peer_table(
+        *run_peers(sizes), reduction.ours_s + search.ours_s, rows[0].ours_s, sizes
+    )
+    page.add("## The same job by PyBaMM and PyBOP", "", *peers)
 
 
 def main() -> None:

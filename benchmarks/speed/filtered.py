@@ -1,4 +1,4 @@
-"""A good engineer's lines: lfilter under SciPy's optimizers, CMA-ES and a grid."""
+"""A good engineer's lines: lfilter under SciPy's optimizers, CMA-ES, mealpy's and a grid."""
 
 import numpy as np
 from scipy.optimize import OptimizeResult, differential_evolution, least_squares
@@ -80,6 +80,16 @@ class Filtered:
             tried += losses
         point, least = min(tried, key=lambda one: one[1])
         return OptimizeResult(x=self.lower + width * point, fun=least, nfev=len(tried))
+
+    def mate(self, generations: int, population: int) -> OptimizeResult:
+        """mealpy's barnacles mating optimizer at its defaults, with the same budget."""
+        from mealpy import FloatVar
+        from mealpy.bio_based.BMO import OriginalBMO
+
+        bounds = FloatVar(lb=tuple(self.lower), ub=tuple(self.upper))
+        problem = {"obj_func": self.rmse, "bounds": bounds, "minmax": "min", "log_to": None}
+        best = OriginalBMO(epoch=generations, pop_size=population).solve(problem, seed=KEY)
+        return OptimizeResult(x=best.solution, fun=best.target.fitness)
 
     def project(self, nodes: int = 64) -> OptimizeResult:
         """Variable projection: the best resistances of every two time constants of a grid, from one

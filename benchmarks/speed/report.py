@@ -1,9 +1,11 @@
-"""The page: the table, growth and start-up."""
+"""The page: the table, growth, start-up and peers."""
 
 from collections.abc import Sequence
 
 from .growth import Length, slope
+from .peers import whole_fit_s
 from .row import Row, seconds
+from .sizes import POPULATION, Sizes
 from .startup import IMPORTS, Start
 
 
@@ -68,4 +70,40 @@ def start_table(starts: Sequence[Start]) -> list[str]:
         f"| {each.cache} | {each.wall_s:.1f} s | {each.cpu_s:.1f} s | {each.ratio:.2f} "
         f"| {each.verdict} |"
         for each in starts
+    ]
+
+
+def peer_table(measured: dict, why_not: str, fit_s: float, generation_s: float, sizes: Sizes):
+    """One simulation and one full fit by tools that solve the circuit as differential equations.
+
+    `fit_s` is our search with the reduction, `generation_s` one generation of the scan.
+    """
+    evaluations = POPULATION * sizes.generations
+    if not measured:
+        return [f"PyBOP and PyBaMM could not be run in an environment of their own: {why_not}"]
+    lines = [
+        f"| tool | one simulation | of ours | {evaluations:,} evaluations | of ours |",
+        "|---|---|---|---|---|",
+    ]
+    each_s = generation_s / POPULATION
+    lines.append(f"| barnax | {seconds(each_s)} | 1 | {seconds(fit_s)} | 1 |")
+    for name in ("PyBaMM", "PyBOP"):
+        one_s, all_s = measured[name]["simulation_s"], whole_fit_s(measured, name, sizes)
+        lines.append(
+            f"| {name} | {seconds(one_s)} | {one_s / each_s:,.0f} | {all_s / 3600:.1f} h, "
+            f"extrapolated | {all_s / fit_s:,.0f} |"
+        )
+    versions = ", ".join(f"{name} {each}" for name, each in measured["versions"].items())
+    spent = measured["PyBOP"]["evaluations"]
+    return [
+        *lines,
+        "",
+        f"{versions}, in an environment of their own; two RC pairs without hysteresis on the same "
+        "record, solvers at their defaults (PyBaMM with IDAKLU, PyBOP with the solver it "
+        f"recommends). PyBOP's fit was stopped after {spent} evaluations and "
+        f"{measured['PyBOP']['fit_s']:.0f} s; the whole is that in proportion, PyBaMM's its "
+        "simulation times the evaluations. Ours: a simulation is one of the "
+        f"{POPULATION} of a scan's generation, the fit a compressed search with the reduction. "
+        f"PyBaMM reads the current linearly between samples and solves for temperature too; its "
+        f"voltage is {1e3 * measured['PyBaMM']['difference_v']:.2f} mV rms from ours.",
     ]

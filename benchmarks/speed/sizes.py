@@ -5,7 +5,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Sizes:
-    """Numbers of turns, generations, seeds, cells and samples."""
+    """Numbers of turns, generations, seeds, cells and samples.
+
+    `evaluations_of_peers` bounds a fit that would take hours; its whole time is extrapolated.
+    """
 
     turns: int = 5
     generations_a_turn: int = 10
@@ -18,6 +21,7 @@ class Sizes:
     longest_scan: int = 10**6
     starts: int = 10
     warm_starts: int = 3
+    evaluations_of_peers: int = 20
     rows_read: int = 2_600_000
 
 
@@ -33,6 +37,7 @@ QUICK = Sizes(
     longest_scan=10**4,
     starts=3,
     warm_starts=1,
+    evaluations_of_peers=2,
     rows_read=100_000,
 )
 

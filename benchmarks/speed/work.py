@@ -1,5 +1,7 @@
 """The rows of the table, all in the same turns."""
 
+from importlib.util import find_spec
+
 import numpy as np
 from scipy.optimize import OptimizeResult
 
@@ -70,8 +72,9 @@ def time_searches(name: str, kernel: Kernel, sizes: Sizes) -> tuple[list[Row], l
         for _ in range(sizes.generations):
             kernel(lanes, *arrays)
 
+    budget = sizes.generations, POPULATION
     runs = {
-        "de": Run(keep("de", lambda: filtered.evolve(sizes.generations, POPULATION))),
+        "de": Run(keep("de", lambda: filtered.evolve(*budget))),
         "scan": Run(one_search(scan.objective, sizes)),
         "kernel": Run(generations_of_kernel),
         "compressed": Run(one_search(short.objective, sizes), calls=5),
@@ -82,6 +85,7 @@ def time_searches(name: str, kernel: Kernel, sizes: Sizes) -> tuple[list[Row], l
         ),
         "certified": Run(keep("certified", lambda: barnax.find_global_optimum(bundled_problem()))),
         "cma": Run(keep("cma", filtered.adapt)),
+        "mealpy": Run(keep("mealpy", lambda: filtered.mate(*budget))),
         "projection": Run(
             keep("projection", lambda: Filtered(bundled_problem()).project()), calls=5
         ),
@@ -91,6 +95,9 @@ def time_searches(name: str, kernel: Kernel, sizes: Sizes) -> tuple[list[Row], l
         "nodes": Run(lambda: kernel(node_lanes, *arrays), calls=10),
         "reduction": Run(lambda: reduce_record(short), calls=3),
     }
+    # Its pins conflict with ours: timed where it is installed without them.
+    if find_spec("mealpy") is None:
+        del runs["mealpy"]
     taken = take_turns(runs, sizes.turns)
     search = f"full search {POPULATION} x {sizes.generations}"
     evaluations = f"{POPULATION * sizes.generations:,} evaluations"
@@ -117,7 +124,9 @@ def time_searches(name: str, kernel: Kernel, sizes: Sizes) -> tuple[list[Row], l
                   note=proved)
           for peer, baseline, aim in (
               ("de", de, 30.0), ("trf", trf, 8.0),
-              ("cma", "lfilter + CMA-ES, until it stops", None))),
+              ("cma", "lfilter + CMA-ES, until it stops", None),
+              ("mealpy", f"lfilter + mealpy's BMO, {evaluations}", None),
+              ("projection", projection, None)) if peer in runs),
         _at_most(f"{optimum}, not proved", taken, "optimum", "projection", projection, 1.0),
     ]  # fmt: skip
     return rows, _answers(answers)
@@ -144,6 +153,9 @@ def _answers(answers: dict) -> list[str]:
         f"{sum(each.nfev for each in answers['trf'])} evaluations without those of its Jacobians",
         f"SciPy DE: {1e3 * answers['de'].fun:.4f} mV",
         f"CMA-ES: {1e3 * answers['cma'].fun:.4f} mV, {answers['cma'].nfev:,} evaluations",
+        f"mealpy's BMO: {1e3 * answers['mealpy'].fun:.4f} mV"
+        if "mealpy" in answers
+        else "mealpy is not installed, and not compared",
         f"variable projection: {1e3 * rmse_of(answers['projection']):.4f} mV, unproved",
         f"ibmo, best of all seeds: {1e3 * answers['seeds'].best.rmse_v:.4f} mV",
     ]

@@ -193,3 +193,17 @@ def test_a_dry_run_lists_all_that_is_wrong_and_a_run_names_the_first(tmp_path):
         assert sum(text in line for line in lines) == 1, text
     with pytest.raises(InputError, match=r"row 4: the id 'c00'.*`dry_run` lists 5 more"):
         read_manifest(path)
+
+
+def test_the_manifest_of_the_case_has_six_problems(real_data, tmp_path):
+    case = real_data.parent / "cases" / "systems" / "fleet_worse.csv"
+    if not case.is_file():
+        pytest.skip("the cases are not here")
+    (tmp_path / "rec").mkdir()
+    for name in ("c00", "c01", "c02"):
+        (tmp_path / "rec" / f"{name}.parquet").touch()
+    (tmp_path / "ocv.csv").touch()
+    (tmp_path / case.name).write_bytes(case.read_bytes())
+    problems = []
+    cells, _ = read_manifest(tmp_path / case.name, problems=problems)
+    assert len([*problems, *problem_lines(cells)]) == 6

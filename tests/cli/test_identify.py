@@ -5,11 +5,13 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import polars as pl
 import pytest
 
+import barnax
 from barnax.bundled import BUNDLED
 from barnax.cli import identify as command
 from barnax.cli.output import Output, write_folder
@@ -240,23 +242,29 @@ def test_the_next_step_is_an_option_beside_the_plan_of_the_run(
     assert ("saved as a file" in advice) == (not expected)
 
 
-@pytest.mark.parametrize(("reason", "options"), [("why", {}), ("why", {"over": "soc"}), ("", {})])
+@pytest.mark.parametrize(
+    ("reason", "given", "common", "shown"),
+    [
+        ("why", {}, {}, "barnax identify d/a.csv d/b.csv d/c.csv --ocv d/o.csv --out barnax-out"),
+        ("why", {"over": "soc"}, {}, ""),
+        ("why", {}, {"initial_soc": 0.5}, ""),
+        ("", {}, {}, ""),
+    ],
+)
 def test_a_record_is_identified_on_too_by_a_command_that_runs(
-    tmp_path, monkeypatch, reason, options
+    tmp_path, monkeypatch, reason, given, common, shown
 ):
-    """Of a folder whose roles were chosen; a user's own windows stand in no words."""
+    """Of a folder whose roles were chosen; what its user gave stands in no words."""
     monkeypatch.chdir(tmp_path)
     step = Next("identify on c.csv too", also="c.csv")
     monkeypatch.setattr("barnax.reporting.first_screen.next_step", lambda _: step)
     roles = {"a.csv": "identification", "o.csv": "OCV test", "c.csv": "validation", "n": "not used"}
-    parts = (Part(Path("d") / name, name, role, reason=reason) for name, role in roles.items())
-    chosen = {"capacity": 2.0} | options
-    plan = Plan("identify", tuple(parts), chosen, {"capacity": "measured"})
+    parts = [Part(Path("d") / name, name, role, reason=reason) for name, role in roles.items()]
+    parts[0] = replace(parts[0], more=(Path("d/b.csv"),))
+    chosen = Plan("identify", tuple(parts), {"capacity": 2.0}, {"capacity": "measured"})
+    plan = chosen.changed(barnax.Window(**common), **given)
     result, run = Result.from_json(golden.RESULT), Output().begun("out")
-    _, shown = command._next(result, run, plan, None)
-    words = "barnax identify d/a.csv d/c.csv --ocv d/o.csv"
-    words += "".join(f" --{name} {value}" for name, value in options.items())
-    assert shown == (f"{words} --out barnax-out" if reason else "")
+    assert command._next(result, run, plan, None) == (step.advice, shown)
 
 
 @pytest.mark.slow

@@ -1,14 +1,20 @@
 """Files that are one log, cut under load, are one record; those that do not continue are apart."""
 
+from dataclasses import replace
+from datetime import date
+
 import numpy as np
 import polars as pl
 import pytest
 
 import barnax
 from barnax.bundled import BUNDLED
+from barnax.errors import InputError
 from barnax.plan import plan, plan_from_toml, plan_to_toml
 from barnax.plan.running import planned
-from barnax.records import read_record
+from barnax.records import Source, read_record
+from barnax.records.log import _concatenated, joined
+from barnax.records.table import Table
 from barnax.results import Result
 from helpers.records import CURRENT, TIME, VOLTAGE
 
@@ -62,7 +68,7 @@ def test_a_log_without_an_ocv_test_is_one_record_too(cut):
 @pytest.mark.parametrize(
     "change",
     [
-        pl.col(VOLTAGE) + 0.05,
+        pl.col(VOLTAGE) + 0.02,
         pl.col(TIME) + 5.0,
         pl.col(TIME) - 5.0,
         pl.col(TIME) * 2 - 9046.0,
@@ -99,3 +105,36 @@ def test_a_log_that_is_cut_in_a_long_rest_stays_apart_and_one_cut_in_a_pulse_doe
         pulses[:at].write_parquet(tmp_path / "a.parquet")
         pulses[at:].write_parquet(tmp_path / "b.parquet")
         assert sorted(part.name for part in plan(tmp_path).parts) == names
+
+
+def test_a_log_has_one_folder_one_temperature_and_columns_of_one_type(cut):
+    last = pl.read_parquet(cut / "b.parquet")
+    (cut / "b.parquet").unlink()
+    for name in ("b_0degC.parquet", "other/b.parquet"):
+        (cut / name).parent.mkdir(exist_ok=True)
+        last.write_parquet(cut / name)
+        (cut / "a.parquet").rename(cut / "a_25degC.parquet")
+        assert "c.parquet + a_25degC.parquet" in records(cut)
+        (cut / "a_25degC.parquet").rename(cut / "a.parquet")
+        (cut / name).unlink()
+    last.with_columns(pl.lit("x").alias("remark")).write_parquet(cut / "b.parquet")
+    assert records(cut) == ["b.parquet", "c.parquet + a.parquet"]
+    dates = pl.Series("date", [date(2024, 1, 1)]).cast(pl.Datetime("ms"))
+    for other in (dates.dt.replace_time_zone("UTC"), pl.Series("date", [1])):
+        with pytest.raises(InputError, match="'date'"):
+            _concatenated("a + b", "date", [dates, other])
+
+
+def test_names_with_the_mark_between_files_stay_apart(cut):
+    (cut / "b.parquet").rename(cut / "b + d.parquet")
+    assert records(cut) == ["b + d.parquet", "c.parquet + a.parquet"]
+
+
+def test_notices_of_joined_workbooks_name_a_sheet():
+    sources = [
+        Source(name, replace(table, sheets=((f"{name}1", 1), (f"{name}2", 2))), "")
+        for name, table in (("a", Table.of(WHOLE[:3])), ("b", Table.of(WHOLE[3:6])))
+    ]
+    sheets = joined(sources).table.sheets
+    assert [name for name, _ in sheets] == ["a1", "a2", "b1", "b2"]
+    assert sum(lines for _, lines in sheets) == 6

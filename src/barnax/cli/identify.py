@@ -271,20 +271,21 @@ def _next(
 
 
 def _with_record(plan: "barnax.Plan", name: str) -> list[str]:
-    """The words by which a record is identified on too; none where the plan was not chosen, or has
-    what no words say."""
+    """The words by which a record is identified on too; none where the plan was not chosen, or
+    more than its files was given, which no words here repeat."""
+    from ..plan.document import GIVEN
+
     roles = {"identification": [], "--ocv": [], "--validate": []}
     for part in plan.parts:
         role = "identification" if part.name == name else part.role
         role = {"OCV test": "--ocv", "validation": "--validate"}.get(role, role)
         if role in roles:
-            roles[role] += [*[role][: role.startswith("--")], str(part.path)]
-    options = {name: value for name, value in plan.options.items() if name not in plan.reasons}
-    is_chosen = all(part.reason and part.span_s is None for part in plan.parts)
-    if not is_chosen or not all(type(value) in (str, int, float) for value in options.values()):
-        return []
-    given = ([flag_of(name), str(value)] for name, value in options.items())
-    return [*chain(*roles.values(), *given)]
+            roles[role] += [*[role][: role.startswith("--")], *map(str, part.paths)]
+    is_given = GIVEN in plan.reasons.values() or any(
+        part.span_s or not part.reason or (part.window.initial_soc and not part.plans_soc)
+        for part in plan.parts
+    )
+    return [] if is_given or plan.window != barnax.Window() else [*chain(*roles.values())]
 
 
 @group

@@ -286,11 +286,11 @@ def plan_from_toml(path: str | Path) -> Plan:
 
 def _part(shown: str, table: Mapping[str, Any], common: Window) -> Part:
     given = _read(shown, table, _OF_FILE)
-    missing = [key for key in ("file", "role") if key not in given]
+    missing = [key for key in ("file", "role") if not given.get(key)]
     if missing:
         raise InputError(f"{shown}: a table [[files]] has no {missing[0]!r}")
     files, role = given.pop("file"), given.pop("role")
-    file, *more = [files] if isinstance(files, str) else files or [""]
+    file, *more = [files] if isinstance(files, str) else files
     if role not in ROLES:
         raise InputError(
             f"{shown}: role {role!r} of {file} is not known; there are {', '.join(ROLES)}"

@@ -25,7 +25,7 @@ from ..execution import Watch
 from ..inputs import file_names, how_read, lags_of, name_of, named_source, numbered, window_of
 from ..model.window import START, Window, temperature_of
 from ..records import Record, Source, read_record
-from ..records.log import continuation, joined
+from ..records.log import NEXT_FILE, continuation, joined
 from ..records.record import TAPERED
 from ..settings import Reading
 from .document import Use, merged
@@ -200,12 +200,13 @@ def _whole_logs(
         if file.is_record
         and os.path.isfile(file.path)
         and file.name not in named
+        and NEXT_FILE not in file.name
         and file.kind(None) not in ("slow sweep", "OCV test")
     ]
     pairs = [
         (one, other, evidence)
         for one, other in permutations(pieces, 2)
-        if (evidence := continuation(one.record, other.record))
+        if _may_be_one(one, other) and (evidence := continuation(one.record, other.record))
     ]
     before = Counter(other for _, other, _ in pairs)
     after = Counter(one for one, _, _ in pairs)
@@ -219,6 +220,13 @@ def _whole_logs(
             evidence.append(why)
         if first not in later:
             yield from _as_one(log, "; ".join(evidence), common) if evidence else log
+
+
+def _may_be_one(one: CandidateFile, other: CandidateFile) -> bool:
+    """True for files of one folder that are not at different temperatures."""
+    degc = [file.temperature_degc for file in (one, other)]
+    are_apart = None not in degc and np.ptp(degc) > SAME_DEGC
+    return one.path.parent == other.path.parent and not are_apart
 
 
 def _as_one(log: Files, evidence: str, common: Window) -> Files:

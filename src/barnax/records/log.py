@@ -13,8 +13,9 @@ from .source import Source
 # Between the names of the files of a log.
 NEXT_FILE = " + "
 # A log continues within so many intervals, and its files are sampled alike to within this factor.
-# So many intervals beside the cut are compared with it, and R0 may be off by so much.
-_INTERVALS, _ALIKE, _BESIDE, _OFF = 2.0, 1.5, 300, 0.3
+# This share of so many intervals on either side of the cut is no further from R0's step, which may
+# be off by so much.
+_INTERVALS, _ALIKE, _USUAL, _BESIDE, _OFF = 2.0, 1.5, 0.9, 300, 0.3
 
 
 def joined(sources: Sequence[Source]) -> Source:
@@ -38,21 +39,26 @@ def joined(sources: Sequence[Source]) -> Source:
         first.table,
         columns=tuple(_concatenated(name, header, parts) for header, *parts in columns),
         row=np.concatenate([table.row + rows for table, rows in zip(tables, before, strict=True)]),
+        sheets=sum((table.sheets for table in tables), ()) if all(t.sheets for t in tables) else (),
         notes=tuple(dict.fromkeys(note for table in tables for note in table.notes)),
         files=len(tables),
     )
-    found = tuple(dict.fromkeys(finding for source in sources for finding in source.findings))
+    findings = tuple(dict.fromkeys(finding for source in sources for finding in source.findings))
     sha256 = " ".join(source.sha256 for source in sources)
-    return replace(first, name=name, table=table, sha256=sha256, findings=found)
+    return replace(first, name=name, table=table, sha256=sha256, findings=findings)
 
 
 def _concatenated(name: str, header: str, parts: Sequence[pl.Series]) -> pl.Series:
     """A column of several files, of a type that holds all its values."""
-    known = [part.dtype for part in parts if part.dtype != pl.Null]
-    if len({dtype.is_temporal() for dtype in known}) > 1:
+    dtypes = [part.dtype for part in parts if part.dtype != pl.Null]
+    if len({dtype.is_temporal() for dtype in dtypes}) > 1:
         raise InputError(f"{name}: '{header}' has dates in some of the files and none in others")
     frames = [part.to_frame(header) for part in parts]
-    return pl.concat(frames, how="vertical_relaxed").to_series()
+    try:
+        return pl.concat(frames, how="vertical_relaxed").to_series()
+    except pl.exceptions.PolarsError:
+        kinds = " and ".join(dict.fromkeys(map(str, dtypes)))
+        raise InputError(f"{name}: '{header}' is of {kinds}, which make no one column") from None
 
 
 def pause_s(earlier: Record, later: Record) -> float:
@@ -66,7 +72,8 @@ def pause_s(earlier: Record, later: Record) -> float:
 
 
 def goes_on(earlier: Record, later: Record) -> bool:
-    """True if the clock or the dates of a record continue where those of another end."""
+    """True if a record continues where another ends: by their dates, where the clocks of both have
+    dates, and else by their clocks."""
     # The row at which a log was cut may be in both files.
     return 0 <= pause_s(earlier, later) <= _INTERVALS * later.usual_s
 
@@ -75,7 +82,7 @@ def continuation(earlier: Record, later: Record) -> str:
     """The evidence that two records are one log that was cut under load; empty without any.
 
     Beside the clock, the columns and the sampling, the voltage continues: over the cut it changes
-    by what R0 makes of the current's step, to within a share of that or the largest deviation in
+    by what R0 makes of the current's step, to within a share of that or nine of ten deviations in
     the intervals beside.
     """
     pair = earlier, later
@@ -95,12 +102,15 @@ def continuation(earlier: Record, later: Record) -> str:
     r0_ohm, cut = -float(step_a @ step_v) / float(step_a @ step_a), earlier.samples - 1
     left_v = np.abs(step_v + r0_ohm * step_a)
     beside_v = np.append(left_v[max(cut - _BESIDE, 0) : cut], left_v[cut + 1 : cut + _BESIDE])
-    if r0_ohm <= 0 or left_v[cut] > max(beside_v.max(), _OFF * r0_ohm * abs(step_a[cut])):
+    if r0_ohm <= 0 or left_v[cut] > max(
+        np.quantile(beside_v, _USUAL), _OFF * r0_ohm * abs(step_a[cut])
+    ):
         return ""
     clock = "clock is" if None in (earlier.zero_date_s, later.zero_date_s) else "dates are"
     return (
         f"{later.name} continues the log under load: its {clock} {pause_s(earlier, later):.3g} s "
-        f"later, and its voltage within {1e3 * left_v[cut]:.2g} mV of what R0 predicts"
+        f"later, its voltage within {1e3 * left_v[cut]:.2g} mV of what R0 predicts, and its rows "
+        "count on"
     )
 
 

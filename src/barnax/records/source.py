@@ -128,8 +128,8 @@ def read_source(
 
 
 def folders_around(folder: Path) -> tuple[Path, ...]:
-    """The folders in which a file is looked for that a plan or a result in `place` names: its data
-    may have moved with it."""
+    """The folders in which a file is looked for that a plan or a result in `folder` names: its
+    data may have moved with it."""
     has_name = folder.name not in ("", "..")
     return tuple(dict.fromkeys((folder, (folder if has_name else folder.resolve()).parent, Path())))
 
@@ -149,9 +149,9 @@ def find_file(name: str, sha256: str, folders: Sequence[Path]) -> Path | Notice:
 def find_planned(
     file: Path, name: str, sha256: str = "", *, beside: Path
 ) -> tuple[Path, tuple[Notice, ...]]:
-    """A file that a plan in `place` names, where it lies, with a warning where its digest says that
-    it is another one now, or where only its name says that it is the one: it lies elsewhere, and
-    its digest is not known."""
+    """A file that a plan in `beside` names, where it lies, with a warning where its digest says
+    that it is another one now, or where only its name says that it is the one: it lies elsewhere,
+    and its digest is not known."""
     named = [path for path in dict.fromkeys((beside / file, file)) if os.path.isfile(path)]
     around = [path for folder in folders_around(beside) if os.path.isfile(path := folder / name)]
     digests = {path: _sha256_of(path) for path in named or around} if sha256 else {}

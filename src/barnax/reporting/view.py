@@ -244,15 +244,13 @@ class View:
         return block.metrics.validation
 
     @property
-    def surpassed(self) -> "list[tuple[Candidate, MetricsPart, MetricsPart]]":
-        """What another candidate simulates better than the answer, with its errors and those of
-        the answer."""
-        return [
-            (candidate, part, answer)
-            for candidate in self.candidates[1:]
-            for part, answer in zip(self.validated(candidate), self.validation_errors, strict=True)
-            if part.rmse_v < answer.rmse_v
-        ]
+    def surpassed(self) -> "list[tuple[MetricsPart, MetricsPart]]":
+        """The errors of the constant circuit and of the tables that are the answer, on each record
+        that the constant circuit simulates better."""
+        if self.result.tables is None:
+            return []
+        pairs = zip(self.result.constant.metrics.validation, self.validation_errors, strict=True)
+        return [(constant, answer) for constant, answer in pairs if constant.rmse_v < answer.rmse_v]
 
     @property
     def offset(self) -> "tuple[OffsetEffect | None, Notice | None]":

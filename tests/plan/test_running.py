@@ -240,6 +240,7 @@ def test_a_file_of_the_name_that_is_not_the_planned_one_is_not_taken(tmp_path, m
         ("colour = 1\n", "'colour' is not a key of a plan"),
         ("command = 'fly'\n", "there are identify, hppc"),
         ("[[files]]\nrole = 'validation'\n", r"has no 'file'"),
+        ("[[files]]\nfile = []\nrole = 'validation'\n", r"has no 'file'"),
         ("[[files]]\nfile = 'a'\nrole = 'other'\n", "there are identification, OCV test"),
         ("[[files]]\nfile = 'a'\nrole = 'validation'\n", "no file has the role identification"),
         (

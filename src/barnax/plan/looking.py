@@ -224,9 +224,10 @@ def _whole_logs(
 
 def _may_be_one(one: CandidateFile, other: CandidateFile) -> bool:
     """True for files of one folder that are not at different temperatures."""
-    degc = [file.temperature_degc for file in (one, other)]
-    are_apart = None not in degc and np.ptp(degc) > SAME_DEGC
-    return one.path.parent == other.path.parent and not are_apart
+    if one.path.parent != other.path.parent:
+        return False
+    first, second = one.temperature_degc, other.temperature_degc
+    return first is None or second is None or abs(first - second) <= SAME_DEGC
 
 
 def _as_one(log: Files, evidence: str, common: Window) -> Files:

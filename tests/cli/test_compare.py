@@ -1,6 +1,7 @@
 """`barnax compare` as a user runs it."""
 
 import json
+import re
 import shutil
 
 import pytest
@@ -10,6 +11,10 @@ from barnax.cli import compare as command
 from barnax.comparison import ComparisonResult
 from barnax.comparison.run import compare_files
 from barnax.errors import InputError
+from barnax.over_soc.cross_validation import SocErrors
+from barnax.reporting.view import View
+from barnax.reporting.wording import wording
+from barnax.result_parts import Candidate
 
 from .conftest import BUDGET, contents, run_command
 
@@ -44,6 +49,21 @@ def test_the_tables_and_the_verdict_are_printed(compared):
     assert max(map(len, outcome.out.splitlines())) <= 80
     for part in ("Parameters", "Search", "lowest RMSE", "varpro 1rc"):
         assert part in printed
+
+
+def test_circuits_of_a_comparison_have_their_errors_on_each_record(compared):
+    stored = ComparisonResult.from_json(compared[1] / "comparison.json")
+    errors = SocErrors(0.0232, 0.0102), SocErrors(0.0245, 0.0102)
+    circuits = (
+        Candidate("so-rc", "soc", errors[0], (0.0123,), None, is_answer=True),
+        Candidate("1rc", None, errors[1], (0.0345,), None),
+    )
+    result = stored.model_copy(update={"candidates": circuits})
+    table = wording("result.candidates", View(result), ["v.csv"])
+    assert re.findall(r"\d+\.\d (?:\(\d+\.\d\) )?(?=\|)", table) == [
+        *("23.2 (10.2) ", "12.3 "),
+        *("24.5 (10.2) ", "34.5 "),
+    ]
 
 
 def test_a_second_run_needs_force_and_gives_the_same_bytes(compared, tmp_path, monkeypatch):

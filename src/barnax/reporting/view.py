@@ -238,10 +238,16 @@ class View:
         """The answer first."""
         return sorted(self.result.candidates, key=lambda candidate: not candidate.is_answer)
 
-    def validated(self, candidate: "Candidate") -> "tuple[MetricsPart, ...]":
-        """The errors of a candidate on each record validated on."""
+    def validated(self, candidate: "Candidate") -> "tuple[SocErrors, ...]":
+        """The errors of a candidate on each record validated on; a comparison has those over whole
+        records alone."""
+        from ..over_soc.cross_validation import SocErrors
+        from ..results import Result
+
+        if not isinstance(self.result, Result):
+            return tuple(SocErrors(rmse_v, None) for rmse_v in candidate.validation_v)
         block = self.result if candidate.is_answer else self.result.constant
-        return block.metrics.validation
+        return tuple(part.soc_errors for part in block.metrics.validation)
 
     @property
     def surpassed(self) -> "list[tuple[MetricsPart, MetricsPart]]":

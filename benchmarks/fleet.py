@@ -144,7 +144,7 @@ def measure_alone(manifest: str, count: str, kind: str = "one circuit") -> dict:
         rows += identify_rows(cell, settings)
         spent.append(time.process_time() - start_s)
         programs.append(sum(name.startswith("Compiling") for name in names))
-    large = {"_descend", "_respond", "rmse_of_all", "_errors_and_slopes"}
+    large = {"_descend", "respond_all", "rmse_of_all", "errors_and_slopes"}
     compiled = [name for name in names if name.startswith("Compiling")]
     large_programs = sum(name.partition("jit(")[2].strip(")") in large for name in compiled)
     half = len(cells) // 2

@@ -11,7 +11,7 @@ import barnax
 from barnax.bundled import BUNDLED
 from barnax.model.coordinates import Coordinates
 from barnax.model.prepared import PreparedRecord
-from barnax.model.problem import Kind
+from barnax.model.search_space import Kind
 
 
 @cache

@@ -58,13 +58,13 @@ from .reporting.parameters import SideBySide as SideBySide
 from .reporting.parameters import show as show
 from .result_filter import FilterSettings as FilterSettings
 from .results import Result as Result
+from .search.answers import Refinement as Refinement
+from .search.answers import Search as Search
 from .search.evaluate import Evaluation as Evaluation
 from .search.evaluate import Evaluations as Evaluations
 from .search.evaluate import evaluate as evaluate
 from .search.evaluate import validate as validate
-from .search.refine import Refinement as Refinement
 from .search.refine import refine as refine
-from .search.seeds import Search as Search
 from .search.seeds import search_many as search_many
 from .search.seeds import search_seeds as search_seeds
 from .settings import Reading as Reading

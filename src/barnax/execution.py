@@ -1,4 +1,7 @@
-"""Execution of the numerics: in float64, compiled once for a shape, in blocks on all cores."""
+"""Execution of the numerics: in float64, compiled once for a shape, in blocks on all cores.
+
+JAX is loaded by what runs: results are read and shown without it.
+"""
 
 import functools
 import os
@@ -9,10 +12,7 @@ from contextlib import AbstractContextManager, nullcontext
 from contextvars import ContextVar
 from typing import Any, ParamSpec, TypeVar
 
-import equinox as eqx
-import jax
 import numpy as np
-from jax.experimental.xla_metadata import set_xla_metadata
 
 from .blas import one_blas_thread
 
@@ -33,6 +33,8 @@ def in_float64(function: Callable[P, R]) -> Callable[P, R]:
 
     @functools.wraps(function)
     def scoped(*args: P.args, **kwargs: P.kwargs) -> R:
+        import jax
+
         with jax.enable_x64(True), one_blas_thread():
             return function(*args, **kwargs)
 
@@ -68,6 +70,9 @@ def compile_for(function: Callable[..., Outcome], *arguments: Any) -> Callable[.
 
     Asked again for the same ones it gives the same program, without tracing.
     """
+    import equinox as eqx
+    import jax
+
     leaves, structure = jax.tree.flatten(arguments)
     shapes = tuple((leaf.shape, str(leaf.dtype)) if eqx.is_array(leaf) else leaf for leaf in leaves)
     wanted = (function, structure, shapes)
@@ -86,6 +91,9 @@ def compile_for(function: Callable[..., Outcome], *arguments: Any) -> Callable[.
 
 
 def _compile(function: Callable[..., Outcome], arguments: Sequence[Any]) -> Callable[..., Outcome]:
+    import equinox as eqx
+    import jax
+
     def compiled() -> Callable[..., Outcome]:
         # A new function each time: JAX remembers what it traced of one that it knows.
         options: Any = {"compiler_options": _OPTIONS if _in_one_function.get() else None}
@@ -125,6 +133,9 @@ def in_one_function(function: Callable[P, R]) -> Callable[P, R]:
     def called(*args: P.args, **kwargs: P.kwargs) -> R:
         if not _in_one_function.get():
             return function(*args, **kwargs)
+        import jax
+        from jax.experimental.xla_metadata import set_xla_metadata
+
         with set_xla_metadata(**_ASKED):
             return jax.jit(function)(*args, **kwargs)
 

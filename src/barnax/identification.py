@@ -34,8 +34,9 @@ from .result_parts import (
 )
 from .results import Result
 from .run_setup import Setup
+from .search.answers import SAME_RMSE, Refinement
 from .search.evaluate import Evaluations, evaluate
-from .search.refine import SAME_RMSE, Descent, Refinement, refine
+from .search.refine import Descent, refine
 from .search.seeds import search_seeds
 from .settings import Settings
 from .uncertainty import Assessment, assess, compile_linearization, examine

@@ -18,7 +18,6 @@ from .errors import InputError, require_choice, require_number
 from .execution import Watch, unwatched
 from .model.search_space import Range
 from .model.window import Window, Windows
-from .optimizers import OPTIMIZERS
 from .over_soc.settings import TableSettings
 from .records import Given
 from .settings import (
@@ -168,7 +167,11 @@ def require_value(name: str, value: Any) -> None:
         return
     hint = OPTIONS.get(name)
     require_number(name, value, hint)
-    choices = OPTIMIZERS if name == "method" else choices_in(hint)
+    choices = choices_in(hint)
+    if name == "method":
+        from .optimizers import OPTIMIZERS
+
+        choices = tuple(OPTIMIZERS)
     if value is not None and choices:
         require_choice(name, value, choices)
 

@@ -24,7 +24,6 @@ from .plan import plan_from_toml
 from .records import Given, Record, Source, find_file, folders_around, read_record
 from .records.fingerprint import Content, read_fingerprint
 from .records.log import NEXT_FILE, joined
-from .result_filter import read_for
 from .result_parts import InputPart, MetricsPart
 from .results import Result
 from .search.evaluate import Evaluation, Evaluations, evaluate_from_either, with_registered
@@ -177,6 +176,8 @@ def _again(result: Result, part: InputPart, record: Record, stored: MetricsPart)
 
 def validated(stored: Result, record: Given, window: Window | None, reading: Reading) -> Evaluation:
     """`Result.validate`: a stored circuit on another record."""
+    from .result_filter import read_for
+
     measured, window, warnings = read_for(stored, record, window, reading)
     content = Content(measured)
     for part in stored.of_role("identification"):

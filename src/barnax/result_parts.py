@@ -25,9 +25,8 @@ from .over_soc.settings import table_name
 from .records import Decision, Record, Source
 from .records.fingerprint import Content, read_fingerprint
 from .schema import Count, Parameters, Part, Volts
+from .search.answers import AtBound, Refinement, Search
 from .search.evaluate import Evaluation, Evaluations, pooled
-from .search.refine import AtBound, Refinement
-from .search.seeds import Search
 from .settings import AutoHold, AutoSign, choices_in
 from .uncertainty import Assessment, Band, Estimate
 from .uncertainty.assessment import soc_bands

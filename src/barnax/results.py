@@ -29,8 +29,8 @@ from .result_parts import (
     PlannedFile,
 )
 from .schema import Document, NoticeField
+from .search.answers import AtBound
 from .search.evaluate import Evaluation, Evaluations
-from .search.refine import AtBound
 from .select.choose import Tried
 from .settings import AutoHold, AutoSign, Reading
 

@@ -15,8 +15,8 @@ from barnax.comparison.statistics import errors_by_soc
 from barnax.errors import InputError
 from barnax.model.window import Window
 from barnax.records import read_record
+from barnax.search.answers import SAME_RMSE
 from barnax.search.evaluate import validate
-from barnax.search.refine import SAME_RMSE
 
 WINDOW = Window(score_to_s=1500.5)
 ROWS = (("1rc", "ls"), ("so-rc", "varpro"), ("so-rc", "pso"), ("iso-rc", "pso"), ("esc", "rls"))

@@ -14,7 +14,7 @@ from barnax.cell.circuits import Circuit
 from barnax.errors import InputError
 from barnax.export.tables import TOLERANCE_V, linear_table, segment_table, tables_of
 from barnax.over_soc.node_interval import NodeInterval
-from barnax.search.refine import AtBound
+from barnax.search.answers import AtBound
 from helpers.results import (
     CORRECTION_V,
     NODES,

@@ -15,7 +15,8 @@ from barnax.model.descent import lowest_scales
 from barnax.model.problem import make_problem, rmse_by_scan
 from barnax.model.window import Window
 from barnax.records import read_record
-from barnax.search.refine import AtBound, refine
+from barnax.search.answers import AtBound
+from barnax.search.refine import refine
 from barnax.search.seeds import search_seeds
 from helpers.problems import other_problem
 from helpers.reference import drop_v, filtered_response, fit_circuit

@@ -15,7 +15,7 @@ from barnax.global_optimum.search import GlobalOptimum
 from barnax.notices import Notice
 from barnax.records import Decision
 from barnax.result_parts import InputPart, MetricsPart
-from barnax.search.refine import Optimum, RefinedSeed
+from barnax.search.answers import Optimum, RefinedSeed
 
 DRIVE, CITY = "drive.csv", "city.csv"
 PARAMETERS = {

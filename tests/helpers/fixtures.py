@@ -16,8 +16,9 @@ from barnax.model.problem import Problem, make_problem
 from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
 from barnax.records import Record, read_record
-from barnax.search.refine import Refinement, refine
-from barnax.search.seeds import Search, search_seeds
+from barnax.search.answers import Refinement, Search
+from barnax.search.refine import refine
+from barnax.search.seeds import search_seeds
 
 from .shared import SET, SHARED
 

@@ -11,8 +11,8 @@ from barnax.model.problem import Problem, make_problem
 from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
 from barnax.records import Decision, Hold
+from barnax.search.answers import Search, SeedAnswer
 from barnax.search.refine import refine
-from barnax.search.seeds import Search, SeedAnswer
 from barnax.uncertainty import Assessment, assess
 from helpers.reference import drop_v, filtered_response
 

@@ -26,8 +26,8 @@ from barnax.over_soc.settings import TableSettings
 from barnax.records.record import Record
 from barnax.result_parts import ConstantPart, InputPart, MetricsBlock, MetricsPart
 from barnax.results import Result
+from barnax.search.answers import Refinement
 from barnax.search.evaluate import Evaluation, Evaluations, evaluate
-from barnax.search.refine import Refinement
 from barnax.uncertainty import Assessment, Band, Diagnostics, Identifiability, Uncertainty
 from barnax.uncertainty.covariance import NoiseParts
 from helpers.reference import make_record as record_of

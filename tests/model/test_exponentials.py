@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import BarycentricInterpolator
 
-from barnax.model.exponentials import Lagrange, interpolation_error, span_of
+from barnax.model.compressed import Lagrange
+from barnax.model.exponentials import interpolation_error, span_of
 
 SPAN = span_of(0.5, 2000.0, 1e-12)
 INTERVAL_S = 0.5

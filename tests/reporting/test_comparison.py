@@ -19,8 +19,8 @@ from barnax.reporting.document import Bullets, Table
 from barnax.reporting.illustrations import comparison_illustrations
 from barnax.reporting.render import table_lines, to_markdown
 from barnax.reporting.wording import blocks, sentences, table, wording
+from barnax.search.answers import AtBound, Refinement
 from barnax.search.evaluate import Evaluation, evaluate
-from barnax.search.refine import AtBound, Refinement
 from helpers.comparisons import (
     CITY,
     DRIVE,

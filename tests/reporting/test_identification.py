@@ -26,7 +26,7 @@ from barnax.reporting.view import View
 from barnax.reporting.wording import sentences, wording
 from barnax.result_parts import MetricsPart
 from barnax.results import Result
-from barnax.search.refine import AtBound
+from barnax.search.answers import AtBound
 from barnax.settings import Registration
 from helpers.golden import GOLDEN, RESULT, require_golden, without_blanks
 from helpers.report_reader import ReportReader

@@ -12,7 +12,7 @@ from barnax.notices import Notice
 from barnax.over_soc.cross_validation import SocErrors
 from barnax.reporting.first_screen import next_step
 from barnax.reporting.wording import sentences, wording
-from barnax.search.refine import Optimum
+from barnax.search.answers import Optimum
 from barnax.uncertainty import Band, Diagnostics, Estimate, Undetermined
 from barnax.uncertainty.covariance import NoiseParts, Uncertainty
 from helpers.golden import require_golden

@@ -8,7 +8,8 @@ import pytest
 from barnax.cell import CircuitParameters
 from barnax.model.problem import make_problem
 from barnax.optimizers import make_optimizer
-from barnax.search.refine import SAME_RMSE, AtBound, RefinedSeed, distinct_optima, refine
+from barnax.search.answers import SAME_RMSE, AtBound, RefinedSeed, distinct_optima
+from barnax.search.refine import refine
 from barnax.search.seeds import search_seeds
 
 CIRCUIT = CircuitParameters.constant(r0=0.05, r=(0.01, 0.02), c=(500.0, 4000.0))

@@ -10,7 +10,8 @@ import pytest
 from barnax.model.problem import make_problem
 from barnax.model.window import Window
 from barnax.optimizers import OPTIMIZERS, make_optimizer
-from barnax.search.refine import AtBound, refine
+from barnax.search.answers import AtBound
+from barnax.search.refine import refine
 from barnax.search.seeds import search_seeds
 from helpers.problems import other_problem
 from helpers.reference import banded_response, drop_v, filtered_response, looped_response

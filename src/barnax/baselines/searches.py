@@ -13,7 +13,8 @@ from ..execution import compile_for, in_float64, run_blocks
 from ..global_optimum.search import find_global_optimum
 from ..model.problem import Problem, rmse_by_scan, rmse_of_all
 from ..optimizers import evaluations_per_iteration, make_optimizer, source_of
-from ..search.refine import SEED_TOLERANCE, STEPS, Descent, RefinedSeed
+from ..search.answers import RefinedSeed
+from ..search.refine import SEED_TOLERANCE, STEPS, Descent
 from ..search.seeds import search_seeds
 from .method import (
     Answer,

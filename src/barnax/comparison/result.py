@@ -12,12 +12,11 @@ from ..baselines import Answer, Budget
 from ..cell import CellModel
 from ..display import Brief
 from ..global_optimum.search import GlobalOptimum
-from ..model.coordinates import Scale
-from ..model.problem import Kind
+from ..model.search_space import Kind, Scale
 from ..result_parts import Candidate, InputPart, MetricsPart
 from ..schema import Document, NoticeField, Parameters, Part, Unstored
+from ..search.answers import AtBound, RefinedSeed
 from ..search.evaluate import Evaluation
-from ..search.refine import AtBound, RefinedSeed
 from .statistics import BandError, Resampled, SeedPairs, errors_by_soc
 
 

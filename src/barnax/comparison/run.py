@@ -20,10 +20,9 @@ from ..global_optimum.search import (
 from ..identification import optimum_or_none, search_and_assess
 from ..inputs import listed, read_inputs, windows_of
 from ..job import Job, takes_options
-from ..model.coordinates import Scale
 from ..model.prepared import PreparedRecord, prepare_record
-from ..model.problem import Kind, Problem, applicable_to, make_problem
-from ..model.search_space import Range, ranges_of
+from ..model.problem import Problem, applicable_to, make_problem
+from ..model.search_space import Kind, Range, Scale, ranges_of
 from ..model.window import Window
 from ..records import Record
 from ..result_parts import InputPart, all_versions

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import stats
 
-from ..search.refine import SAME_RMSE
+from ..search.answers import SAME_RMSE
 
 REPLICATES = 1000
 # Rows of drawn blocks held at a time, in blocks.

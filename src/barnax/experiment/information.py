@@ -30,7 +30,7 @@ from ..over_soc.intervals import LIGHT, STEP
 from ..over_soc.node_interval import sag_of
 from ..over_soc.objective import smoothing_rows
 from ..over_soc.settings import TableSettings
-from ..search.refine import AtBound
+from ..search.answers import AtBound
 
 # Half a 95 % interval in standard errors.
 HALF_95 = 1.96

@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 
 from ..model.box_least_squares import Columns, dot, errors_of, least_in_boxes, normal_equations
 from ..model.descent import Axis, LogScales
-from ..search.refine import RefinedSeed
+from ..search.answers import RefinedSeed
 from .objective import ConstantObjective
 from .proof import (
     ABSOLUTE_V,

@@ -4,7 +4,7 @@ import abc
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
@@ -22,9 +22,11 @@ from ..model.box_least_squares import (
 from ..model.descent import Axis, LogScales, Solved
 from ..model.layout import ends_of, spans_between
 from ..model.prepared import PreparedRecord
-from ..model.problem import Problem
 from ..model.search_space import Bounds
 from .proof import remainders
+
+if TYPE_CHECKING:
+    from ..model.problem import Problem
 
 # By how much a logarithm is moved to see how a bound in F moves that of a resistance.
 MOVED = 1e-4
@@ -169,7 +171,7 @@ class ConstantObjective(LinearObjective):
     shared = SHARED
 
     @classmethod
-    def of(cls, problem: Problem) -> "ConstantObjective":
+    def of(cls, problem: "Problem") -> "ConstantObjective":
         """The columns. Raises `InputError` where the box is too wide to compress."""
         short, bounds = problem.compressed, problem.bounds
         # In NumPy: JAX would compile a program for every slice of every shape.

@@ -5,7 +5,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -16,27 +16,28 @@ from ..cell.model import NEAR_DEGC
 from ..execution import in_float64
 from ..model.descent import GridSizes, LogScales, lowest_scales, polish
 from ..model.prepared import PreparedRecord, prepare_record, try_record
-from ..model.problem import Problem, rmse_by_scan
 from ..model.sampling import other_sampling
 from ..notices import Notice
 from ..records import Decision
 from ..records.lag import answers_ohm, late_r0_ohm
 from ..schema import Count, MaybeInfinite, Volts
-from ..search.evaluate import both_directions, evaluate
-from ..search.refine import (
+from ..search.answers import (
     SAME_RMSE,
     AtBound,
     Optimum,
     RefinedSeed,
     Refinement,
     WithOptima,
-    at_bound,
     distinct_optima,
     largest_change,
 )
+from ..search.evaluate import both_directions, evaluate
 from .certificate import CERTIFIED_GAP, certify
 from .objective import ConstantObjective
 from .proof import SMALLEST_RMSE_V
+
+if TYPE_CHECKING:
+    from ..model.problem import Problem
 
 # Grid points of a time constant by the number of pairs, and of gamma. A unit response varies
 # over a factor of e in tau; four pairs are still sampled twice as densely as that.
@@ -125,7 +126,7 @@ def optimality_gap(rmse_v: float, optimum_v: float) -> float:
 
 @in_float64
 def find_global_optimum(
-    problem: Problem, *, prove: bool = True, max_boxes: int = MAX_BOXES
+    problem: "Problem", *, prove: bool = True, max_boxes: int = MAX_BOXES
 ) -> GlobalOptimum:
     """The best circuit in the box, from the refined minima of a grid, and a proof of it.
 
@@ -139,6 +140,8 @@ def find_global_optimum(
 
     Raises `InputError` if the box is too wide to compress.
     """
+    from ..search.refine import at_bound
+
     # Kept with the problem: where the direction before the start is open, it was looked for before.
     if "minima" not in vars(problem):
         objective = ConstantObjective.of(problem)
@@ -170,7 +173,7 @@ def find_global_optimum(
 
 
 def _polish(
-    problem: Problem, objective: ConstantObjective, starts: Sequence[LogScales]
+    problem: "Problem", objective: ConstantObjective, starts: Sequence[LogScales]
 ) -> list[RefinedSeed]:
     """The ends of descents from some scales, with the errors of the scan."""
     ends, moved, are_flat = [], [], []
@@ -181,6 +184,8 @@ def _polish(
         ends.append(objective.circuit(exact))
         moved.append(largest_change(objective.circuit(start), ends[-1]))
         are_flat.append(objective.is_flat(exact))
+    from ..model.problem import rmse_by_scan
+
     return [*map(RefinedSeed, rmse_by_scan(problem, ends), ends, moved, are_flat)]
 
 
@@ -191,7 +196,7 @@ DROP_ROUNDS = 2
 
 
 @in_float64
-def without_sweep_drop(problem: Problem) -> Problem:
+def without_sweep_drop(problem: "Problem") -> "Problem":
     """The problem with the OCV at rest where slow sweeps measured it under load.
 
     What a sweep lost is told by the circuit that fits best the records nearest to its temperature.
@@ -216,7 +221,7 @@ def without_sweep_drop(problem: Problem) -> Problem:
     return improved
 
 
-def _slow_resistance_ohm(problem: Problem, temperature_degc: float | None) -> float:
+def _slow_resistance_ohm(problem: "Problem", temperature_degc: float | None) -> float:
     """The resistance after `DROP_S` of the best circuit of the records nearest to a temperature."""
     records = problem.prepared_records
     if temperature_degc is not None:
@@ -235,7 +240,7 @@ def _slow_resistance_ohm(problem: Problem, temperature_degc: float | None) -> fl
 SAME_FIT = 1e-6
 
 
-def with_better_directions(problem: Problem) -> Problem:
+def with_better_directions(problem: "Problem") -> "Problem":
     """The problem with each open direction before the start as fits better, record by record."""
     for index, prepared in enumerate(problem.prepared_records):
         records = list(problem.prepared_records)
@@ -262,7 +267,7 @@ PARTS, FAR, SHARP = 24, 0.05, 4.0
 EVEN, SHORT_S = 0.01, 1.5
 
 
-def hold_warning(problem: Problem, r0_ohm: float, other_ohm: float) -> Notice:
+def hold_warning(problem: "Problem", r0_ohm: float, other_ohm: float) -> Notice:
     """The notice that the other sampling would give an R0 outside the interval."""
     records = [
         prepared.record
@@ -282,7 +287,7 @@ def hold_warning(problem: Problem, r0_ohm: float, other_ohm: float) -> Notice:
     )
 
 
-def with_better_hold(problem: Problem) -> Problem:
+def with_better_hold(problem: "Problem") -> "Problem":
     """The problem with the hold that its voltage tells, in the records whose own is only assumed.
 
     What tells the holds apart is the OCV, whose slope differs along the record, and an uneven
@@ -322,7 +327,7 @@ def with_better_hold(problem: Problem) -> Problem:
     return problem.keeping_computed(prepared_records=tuple(kept))
 
 
-def _moved_errors_v(problem: Problem) -> list[np.ndarray]:
+def _moved_errors_v(problem: "Problem") -> list[np.ndarray]:
     """The differences between samples of the best circuit's errors, record by record."""
     best = find_global_optimum(problem, prove=False).parameters
     errors = [evaluate(prepared, best) for prepared in problem.prepared_records]

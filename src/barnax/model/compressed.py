@@ -9,6 +9,7 @@ the sum over all samples, without the samples.
 import math
 from collections.abc import Sequence
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -17,12 +18,63 @@ from jaxtyping import Array, Float, Scalar
 from ..cell.parameters import ANYWHERE
 from ..execution import as_input
 from .coordinates import Coordinates
-from .exponentials import Lagrange
+from .exponentials import Span
 from .factor import NEGLIGIBLE_V, shorten
 from .layout import Layout, ends_of, spans_between
 from .prepared import PreparedRecord
 from .reduced import reduce_records, scored_alone
 from .simulate import AbstractEvaluator, RCParameters
+
+
+class Lagrange(eqx.Module):
+    """The Lagrange polynomials of a span, as the compiled search evaluates them."""
+
+    center: Scalar
+    half_width: Scalar
+    nodes: Float[Array, "nodes"]
+    weights: Float[Array, "nodes"]
+    slope: Float[Array, "nodes nodes"]
+
+    @classmethod
+    def of(cls, span: Span) -> "Lagrange":
+        return cls(*map(as_input, (span.center, span.half_width, *span[2:5])))
+
+    def padded_to_multiple(self, step: int) -> "Lagrange":
+        """The same with a multiple of `step` nodes: those added lie outside and weigh nothing."""
+        missing = -len(self.nodes) % step
+        return Lagrange(
+            center=self.center,
+            half_width=self.half_width,
+            nodes=as_input(np.pad(self.nodes, (0, missing), constant_values=2.0)),
+            weights=as_input(np.pad(self.weights, (0, missing))),
+            slope=as_input(np.pad(self.slope, (0, missing))),
+        )
+
+    def at(self, tau: Scalar, count: Scalar | float = 1.0) -> Float[Array, "nodes"]:
+        """The weights of the nodes' answers in `count` times that of `tau`."""
+        return _cardinal((jnp.log(tau) - self.center) / self.half_width, jnp.asarray(count), self)
+
+
+@jax.custom_jvp
+def _cardinal(x: Scalar, count: Scalar, basis: Lagrange) -> Float[Array, "nodes"]:
+    """Barycentric formula (Berrut and Trefethen, 2004, Eq. 4.2).
+
+    The count enters through a division because XLA does not repeat one for every node; it would
+    repeat everything else that a candidate's resistance is computed from.
+    """
+    gap = x - basis.nodes
+    # At a node the term of that node is all that counts.
+    terms = basis.weights / jnp.where(gap == 0, jnp.finfo(gap.dtype).tiny, gap)
+    return terms * (count / jnp.sum(terms))
+
+
+@_cardinal.defjvp
+def _cardinal_jvp(primals, tangents):
+    # Differentiating the quotient would lose all figures next to a node.
+    x, count, basis = primals
+    shares = _cardinal(x, jnp.ones_like(count), basis)
+    slopes = shares @ basis.slope
+    return count * shares, count * slopes * tangents[0] + shares * tangents[1]
 
 
 class Compressed(AbstractEvaluator):

@@ -1,6 +1,6 @@
 """The coordinates that an optimizer moves in, and the map from a point to a circuit."""
 
-from typing import Any, Literal
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -11,11 +11,8 @@ from ..cell.elements import alike, get_element
 from ..cell.parameters import OHMIC, RATE
 from ..errors import InputError
 from ..execution import as_input
-from .search_space import Bounds
+from .search_space import SCALES, Bounds, Scale
 from .simulate import RCParameters
-
-Scale = Literal["rc", "log"]
-SCALES: tuple[Scale, ...] = ("rc", "log")
 
 
 class Coordinates(eqx.Module):

@@ -11,21 +11,19 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, Scalar
+from jaxtyping import Float, Int
 from scipy.linalg import qr, solve_triangular
 
 from ..blas import one_blas_thread
 from ..errors import InputError
-from ..execution import as_input
 
 # Spans are rounded up to quarter decades, so that most records share one table and one program.
 _SPAN_STEP = math.log(10) / 4
 _NODE_STEP = 8
 MAX_NODES = 256
+# A pair so many times as fast as any interval is at its end within it, to the last bit.
+AT_ONCE = 40.0
 # Spacing in log(s) of the grid on which kernels are compared, and how far it reaches beyond them.
 _GRID_STEP = 0.1
 _GRID_BEFORE, _GRID_AFTER = 36.0, 4.0
@@ -169,54 +167,3 @@ def _slope(nodes: np.ndarray, weights: np.ndarray) -> np.ndarray:
     np.fill_diagonal(slope, 0.0)
     np.fill_diagonal(slope, -slope.sum(axis=1))
     return slope
-
-
-class Lagrange(eqx.Module):
-    """The Lagrange polynomials of a span, as the compiled search evaluates them."""
-
-    center: Scalar
-    half_width: Scalar
-    nodes: Float[Array, "nodes"]
-    weights: Float[Array, "nodes"]
-    slope: Float[Array, "nodes nodes"]
-
-    @classmethod
-    def of(cls, span: Span) -> "Lagrange":
-        return cls(*map(as_input, (span.center, span.half_width, *span[2:5])))
-
-    def padded_to_multiple(self, step: int) -> "Lagrange":
-        """The same with a multiple of `step` nodes: those added lie outside and weigh nothing."""
-        missing = -len(self.nodes) % step
-        return Lagrange(
-            center=self.center,
-            half_width=self.half_width,
-            nodes=as_input(np.pad(self.nodes, (0, missing), constant_values=2.0)),
-            weights=as_input(np.pad(self.weights, (0, missing))),
-            slope=as_input(np.pad(self.slope, (0, missing))),
-        )
-
-    def at(self, tau: Scalar, count: Scalar | float = 1.0) -> Float[Array, "nodes"]:
-        """The weights of the nodes' answers in `count` times that of `tau`."""
-        return _cardinal((jnp.log(tau) - self.center) / self.half_width, jnp.asarray(count), self)
-
-
-@jax.custom_jvp
-def _cardinal(x: Scalar, count: Scalar, basis: Lagrange) -> Float[Array, "nodes"]:
-    """Barycentric formula (Berrut and Trefethen, 2004, Eq. 4.2).
-
-    The count enters through a division because XLA does not repeat one for every node; it would
-    repeat everything else that a candidate's resistance is computed from.
-    """
-    gap = x - basis.nodes
-    # At a node the term of that node is all that counts.
-    terms = basis.weights / jnp.where(gap == 0, jnp.finfo(gap.dtype).tiny, gap)
-    return terms * (count / jnp.sum(terms))
-
-
-@_cardinal.defjvp
-def _cardinal_jvp(primals, tangents):
-    # Differentiating the quotient would lose all figures next to a node.
-    x, count, basis = primals
-    shares = _cardinal(x, jnp.ones_like(count), basis)
-    slopes = shares @ basis.slope
-    return count * shares, count * slopes * tangents[0] + shares * tangents[1]

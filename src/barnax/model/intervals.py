@@ -7,11 +7,10 @@ import numpy as np
 from jaxtyping import Array, Float, Int, Shaped
 
 from ..execution import as_input
+from .exponentials import AT_ONCE
 
 # Intervals this close together, relative to the shortest time constant, share one exponential.
 _NODE_SPACING = 2e-4
-# A pair so many times as fast as any interval is at its end within it, to the last bit.
-AT_ONCE = 40.0
 # Smaller offsets are rounding of the stored time, not jitter of the clock.
 _CLOCK_S = 1e-10
 

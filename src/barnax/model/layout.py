@@ -3,15 +3,17 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Int
 
-from .coordinates import Coordinates
-from .exponentials import Span, span_of
-from .intervals import AT_ONCE
+from .exponentials import AT_ONCE, Span, span_of
 from .prepared import PreparedRecord
 from .search_space import Range
+
+if TYPE_CHECKING:
+    from .coordinates import Coordinates
 
 # Bound on the error of a pair's answer, relative to the largest current.
 TOLERANCE = 1e-12
@@ -30,7 +32,7 @@ def span_ends(taus_s: Range, gammas: Range | None, interval_s: float) -> list[Ra
     return [in_tau] if gammas is None else [in_tau, (1 / gammas[1], 1 / gammas[0])]
 
 
-def ends_of(records: Sequence[PreparedRecord], box: Coordinates) -> list[Range]:
+def ends_of(records: Sequence[PreparedRecord], box: "Coordinates") -> list[Range]:
     """The same of every circuit in a box."""
     interval_s = min(float(np.min(np.diff(prepared.time_s))) for prepared in records)
     return span_ends(box.tau_span_s, box.gamma_limits, interval_s)

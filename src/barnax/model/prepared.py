@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -18,10 +18,11 @@ from ..notices import Notice
 from ..records import Record
 from ..records.samples import record_resistance_ohm
 from ..settings import Registration, is_temperature
-from .intervals import Intervals, sized
-from .simulate import HysteresisInput, SimulationInput
 from .start import Start, find_start
 from .window import Window, first_sample, scored_samples, temperature_of, within_ocv
+
+if TYPE_CHECKING:
+    from .simulate import HysteresisInput, SimulationInput
 
 FEWEST_SAMPLES = 10
 # This share of a record's samples is enough to tell a time constant of their interval.
@@ -151,7 +152,7 @@ class PreparedRecord(Brief):
 
     def input_blocks(
         self, samples: int, shortest_tau_s: float, highest_gamma: float | None = None
-    ) -> Iterator[tuple[slice, SimulationInput]]:
+    ) -> Iterator[tuple[slice, "SimulationInput"]]:
         """`simulation_input` block after block, each filled up to so many samples: states at the
         end of one are those at the start of the next."""
         for number, part in enumerate(self.parts(samples)):
@@ -235,12 +236,14 @@ class PreparedRecord(Brief):
 
     def simulation_input(
         self, shortest_tau_s: float, highest_gamma: float | None = None, samples: int | None = None
-    ) -> SimulationInput:
+    ) -> "SimulationInput":
         """The span as a circuit's input, exact for time constants from `shortest_tau_s` on.
 
         With dynamic hysteresis, exact for rates up to `highest_gamma`. With `samples`, the first so
         many in a form that blocks share; where there are fewer, the last is repeated uncounted.
         """
+        from .intervals import Intervals, sized
+        from .simulate import SimulationInput
 
         def fit(values: np.ndarray) -> Any:
             return as_input(values if samples is None else sized(values, samples))
@@ -277,7 +280,10 @@ class PreparedRecord(Brief):
         last = slice(self.first, self.first + len(self.soc) - 1)
         return np.append(self.record.interval_current_a[last], 0.0)
 
-    def _hysteresis(self, highest_gamma: float, samples: int | None) -> HysteresisInput:
+    def _hysteresis(self, highest_gamma: float, samples: int | None) -> "HysteresisInput":
+        from .intervals import Intervals, sized
+        from .simulate import HysteresisInput
+
         # Below the rest current a cell keeps its direction: noise and offsets turn nothing.
         is_moving = (np.abs(self.held_a) >= self.rest_current_a) & (self.held_a != 0)
         passed = np.where(is_moving, np.abs(np.diff(self.soc, append=self.soc[-1])), 0.0)

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -18,11 +18,11 @@ from ..execution import CIRCUITS_PER_BLOCK, as_input, compile_for, in_float64, s
 from ..notices import Notice
 from ..records import Record
 from .compressed import Compressed, compress
-from .coordinates import Coordinates, Scale
+from .coordinates import Coordinates
 from .exponentials import can_span
 from .layout import TOLERANCE, ends_of
 from .prepared import PreparedRecord, prepare_record
-from .search_space import Bounds, Range
+from .search_space import KINDS, Bounds, Kind, Range, Scale
 from .simulate import AbstractEvaluator, Joint, RCParameters, SimulationInput
 from .start import require_whole_log
 from .window import Window
@@ -47,8 +47,19 @@ def residuals(point: Float[Array, "free"], objective: Objective) -> Float[Array,
     return errors_v / jnp.sqrt(objective.evaluator.scored)
 
 
-Kind = Literal["scan", "compressed"]
-KINDS: tuple[Kind, ...] = ("scan", "compressed")
+def errors_and_slopes(
+    point: Float[Array, "free"], objective: Objective
+) -> tuple[Float[Array, "samples"], Float[Array, "samples free"]]:
+    """The residuals and their derivatives, by one pass."""
+
+    def errors(point):
+        error = residuals(point, objective)
+        return error, error
+
+    slope, error = jax.jacfwd(errors, has_aux=True)(point)
+    return error, slope
+
+
 # Rows and nodes of a compressed record are filled up to a multiple of this where it is refined: a
 # program for another size takes five seconds to compile, the zeros a few percent of its time.
 FACTOR_STEP = 64

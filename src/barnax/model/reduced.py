@@ -10,9 +10,9 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
-from functools import partial, reduce
+from functools import reduce
+from typing import TYPE_CHECKING
 
-import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -21,10 +21,12 @@ from ..cell.tables import hats
 from ..execution import as_input, in_float64, threads
 from .exponentials import Span
 from .factor import NEGLIGIBLE_V, append_rows, join_triangles, shorten, update_triangular
-from .intervals import Intervals
 from .layout import Layout, by_first_visit
 from .prepared import BLOCK, PreparedRecord
-from .simulate import SimulationInput, respond
+
+if TYPE_CHECKING:
+    from .intervals import Intervals
+    from .simulate import SimulationInput
 
 # Chains of factors that are combined at the end; a fixed number, so that no bit depends on cores.
 CHAINS = 2
@@ -307,7 +309,7 @@ class _SharedAnswers:
         self._states = np.zeros((len(self._tau), nodes))
 
     def next_block(
-        self, inputs: SimulationInput, near: Int[np.ndarray, "near"], spread: Columns
+        self, inputs: "SimulationInput", near: Int[np.ndarray, "near"], spread: Columns
     ) -> tuple[
         Float[np.ndarray, "skeleton nodes"],
         Float[np.ndarray, "samples skeleton"],
@@ -354,20 +356,14 @@ def answer_block(
     tau: Float[np.ndarray, "skeleton"],
     state: Float[np.ndarray, "skeleton *channels"],
     held: Float[np.ndarray, "samples *channels"],
-    intervals: Intervals,
+    intervals: "Intervals",
 ) -> tuple[
     Float[np.ndarray, "skeleton *channels"], Float[np.ndarray, "samples skeleton *channels"]
 ]:
     """The state after a block of `BLOCK` samples, and the answers at them."""
+    from .simulate import respond_all
+
     clock = np.asarray(intervals.node_s), np.asarray(intervals.node), np.asarray(intervals.offset_s)
     form = intervals.is_even, intervals.has_offsets
-    after, answers = _respond(as_input(tau), as_input(state), np.asarray(held), *clock, *form)
+    after, answers = respond_all(as_input(tau), as_input(state), np.asarray(held), *clock, *form)
     return np.asarray(after), np.asarray(answers)
-
-
-# Of arrays alone: flattening a module took longer than the program.
-@partial(jax.jit, static_argnums=(6, 7))
-def _respond(tau, state, held, node_s, node, offset_s, is_even: bool, has_offsets: bool):
-    intervals = Intervals(node_s, node, offset_s, is_even, has_offsets)
-    respond_all = jax.vmap(partial(respond, held=held, intervals=intervals), out_axes=(0, 1))
-    return respond_all(tau, state)

@@ -7,19 +7,14 @@ covers the share 1 - exp(-dt / tau_p) of the way to R_p(s) i, with s the SOC at 
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Scalar
+from jaxtyping import Float
 
 from ..cell import CircuitParameters
 from ..cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION
 from ..execution import as_input, compile_for, in_float64
-from .intervals import sized
 from .prepared import BLOCK, PreparedRecord
-from .simulate import SimulationInput, respond
 
 # Programs are compiled for so many RC pairs, or a multiple.
 PAIRS = 3
@@ -53,6 +48,9 @@ def error_blocks_of(
 ) -> Iterator[tuple[slice, Float[np.ndarray, "circuits samples"]]]:
     """The same of several circuits that differ in their tables alone, each on the one record with
     an OCV of its own, at once."""
+    from .intervals import sized
+    from .simulate import advance_all
+
     circuits = [one.laddered() for one in parameters]
     pairs = zip(alike, circuits, strict=True)
     records = [_as_tabulated(prepared, circuit) for prepared, circuit in pairs]
@@ -77,7 +75,7 @@ def error_blocks_of(
             if each.hysteresis_amplitude_v is not None
         ]
         each = ohm, base_v, np.stack(amplitude_v) if amplitude_v else None
-        advance = compile_for(_advance_all, *scales, *each, inputs, states)
+        advance = compile_for(advance_all, *scales, *each, inputs, states)
         states, errors_v = advance(*scales, *each, inputs, states)
         yield here, np.asarray(errors_v)[:, :size]
 
@@ -100,28 +98,3 @@ def _as_tabulated(prepared: PreparedRecord, circuit: CircuitParameters) -> Prepa
         source_v = source_v + prepared.start.direction * (half_v - amplitude_v)
         amplitude_v = half_v
     return replace(prepared, source_v=source_v, hysteresis_amplitude_v=amplitude_v)
-
-
-def _advance_all(
-    tau_s: Float[Array, "pairs"],
-    gamma: Scalar | None,
-    ohm: Float[Array, "circuits resistances samples"],
-    base_v: Float[Array, "circuits samples"],
-    amplitude_v: Float[Array, "circuits samples"] | None,
-    inputs: SimulationInput,
-    states: Float[Array, "circuits states"],
-) -> tuple[Float[Array, "circuits states"], Float[Array, "circuits samples"]]:
-    """The states of every pair, then of a dynamic hysteresis, after the last sample, and the error
-    at every one, of every circuit."""
-    pairs, respond_all = len(tau_s), jax.vmap(partial(respond, intervals=inputs.intervals))
-
-    def advance(ohm, base_v, amplitude_v, states):
-        ends_v, drops_v = respond_all(tau_s, states[:pairs], ohm[1:] * inputs.held_a)
-        error_v = base_v + ohm[0] * inputs.current_a + jnp.sum(drops_v, axis=0)
-        if inputs.hysteresis is None or amplitude_v is None or gamma is None:
-            return ends_v, error_v
-        clock, turning = inputs.hysteresis.intervals, inputs.hysteresis.hysteresis_input
-        turned, state = respond(1 / gamma, states[pairs], turning, clock)
-        return jnp.append(ends_v, turned), error_v - amplitude_v * state
-
-    return jax.vmap(advance)(ohm, base_v, amplitude_v, states)

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -21,6 +22,11 @@ ALLOWED = {"Ohm": (1e-9, 1e6), "s": (1e-6, 1e9), "F": (1e-6, 1e12), RATE: (1e-3,
 # The time that dotted names take to read grows with the square of their length.
 LARGEST_FILE = 16_000
 Range = tuple[float, float]
+# Coordinates that are searched, and how errors are computed: from every sample, or a small factor.
+Scale = Literal["rc", "log"]
+SCALES: tuple[Scale, ...] = ("rc", "log")
+Kind = Literal["scan", "compressed"]
+KINDS: tuple[Kind, ...] = ("scan", "compressed")
 
 
 @dataclass(frozen=True)

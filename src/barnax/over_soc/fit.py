@@ -21,7 +21,7 @@ from ..model.reference import error_blocks
 from ..model.steps import is_at_ocv, is_step
 from ..notices import Notice
 from ..schema import NoticeField
-from ..search.refine import AtBound, near_ends
+from ..search.answers import AtBound, near_ends
 from .certificate import certify
 from .cross_validation import CrossValidation, SocErrors, cross_validate, with_spread
 from .dependence import with_asked

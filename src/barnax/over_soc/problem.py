@@ -17,8 +17,7 @@ from ..cell.soc_axis import ABOVE_SOC, is_above
 from ..errors import InputError
 from ..execution import in_float64
 from ..model.descent import Descended, GridSizes, LogScales, Polished, lowest_scales, polish
-from ..model.exponentials import span_through
-from ..model.intervals import AT_ONCE
+from ..model.exponentials import AT_ONCE, span_through
 from ..model.layout import Layout, span_ends, spans_between
 from ..model.prepared import PreparedRecord
 from ..model.reduced import Groups, reduce_records, scored_alone, together

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
 
 from ..global_optimum.search import optimality_gap
-from ..search.refine import SAME_RMSE
+from ..search.answers import SAME_RMSE
 from .document import Document, Picture
 from .identification import search_boxes
 from .illustrations import record_roles
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ..comparison import ComparisonResult
     from ..comparison.result import Difference, RecordErrors
     from ..results import Result
-    from ..search.refine import RefinedSeed
+    from ..search.answers import RefinedSeed
 
 # With more pairs than this, only those with the leader or of one method are shown.
 ALL_PAIRS = 15

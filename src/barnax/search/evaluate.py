@@ -17,7 +17,6 @@ from ..display import Brief
 from ..errors import InputError
 from ..metrics import Metrics, measure
 from ..model.prepared import PreparedRecord, prepare_record, try_record
-from ..model.problem import require_changing_voltage
 from ..model.reference import errors_along, simulate_circuit
 from ..model.steps import FEWEST_STEPS, steps_of
 from ..model.window import Window
@@ -92,6 +91,8 @@ def evaluate(prepared: PreparedRecord, parameters: CircuitParameters) -> Evaluat
 
     Raises `InputError` if the measured voltage is constant.
     """
+    from ..model.problem import require_changing_voltage
+
     require_changing_voltage(prepared)
     simulated_v = simulate_circuit(prepared, parameters)
     metrics = measure(prepared.voltage_v[prepared.scored], simulated_v[prepared.scored])

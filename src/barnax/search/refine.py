@@ -1,8 +1,8 @@
 """Levenberg-Marquardt from every seed's answer, in the same box."""
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
-from typing import Annotated, Any, Literal
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -10,10 +10,8 @@ import lineax as lx
 import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Scalar
-from pydantic import Field
 
 from ..cell import CircuitParameters
-from ..display import Brief
 from ..execution import (
     CIRCUITS_PER_BLOCK,
     as_input,
@@ -23,30 +21,24 @@ from ..execution import (
     wanted_rows,
 )
 from ..model.coordinates import Coordinates
-from ..model.problem import Kind, Objective, Problem, point_blocks, residuals, rmse_by_scan
-from ..schema import Count, Unstored, Volts
-from .seeds import Search, Undifferentiated
+from ..model.problem import Objective, Problem, point_blocks, residuals, rmse_by_scan
+from ..model.search_space import Kind
+from .answers import (
+    AT_BOUND,
+    AtBound,
+    RefinedSeed,
+    Refinement,
+    Search,
+    distinct_optima,
+    largest_change,
+    near_ends,
+)
+from .seeds import Undifferentiated
 
-# A parameter this close to an end of its box, as a fraction of the (log) width, is at the bound.
-AT_BOUND = 1e-3
 # Steps of one round. Who needs many rounds creeps along a valley; only the best is followed there.
 STEPS = 50
 # An error under a picovolt is zero; it would not do as a unit.
 SMALLEST_UNIT_V = 1e-12
-
-
-@dataclass(frozen=True)
-class RefinedSeed:
-    """The end of one seed's refinement; `moved` is the largest relative change of a parameter.
-
-    `evaluations` counts the simulations that took, a Jacobian as one per free parameter.
-    """
-
-    rmse_v: float
-    parameters: CircuitParameters
-    moved: float
-    has_converged: bool
-    evaluations: int = 0
 
 
 class Descent:
@@ -171,87 +163,10 @@ def _descend(
     return jax.vmap(one)(points)
 
 
-def largest_change(before: CircuitParameters, after: CircuitParameters) -> float:
-    """The largest relative change of any parameter."""
-    old, new = (np.array(list(values.to_dict().values())) for values in (before, after))
-    return float(np.max(np.abs(new / old - 1)))
-
-
-# Refined answers whose RMSE agree this closely (relative) are one optimum; if their parameters
-# differ by more than this all the same, the optimum is a family of circuits.
-SAME_RMSE = 1e-5
-SAME_PARAMETER = 1e-2
 # Relative tolerances of Levenberg-Marquardt, in the scaled residuals and their unknowns.
 SEED_TOLERANCE = 1e-6
 FINAL_TOLERANCE = 1e-10
 FINAL_ROUNDS = 20
-
-
-@dataclass(frozen=True)
-class AtBound:
-    """A parameter that ended at one end of its box.
-
-    Attributes:
-        name: PyBaMM's name.
-        side: Which end.
-    """
-
-    name: str
-    side: Literal["lower", "upper"]
-
-
-@dataclass(frozen=True)
-class Optimum:
-    """A distinct optimum that refined seeds reached.
-
-    Attributes:
-        rmse_v: Its RMSE.
-        parameters: Its circuit.
-        seeds: Number of seeds that reached it.
-        is_family: True if circuits with different parameters fit equally well there.
-    """
-
-    rmse_v: Volts
-    parameters: CircuitParameters
-    seeds: int
-    is_family: bool
-
-
-class WithOptima(Brief):
-    """What has distinct `optima`, the best first."""
-
-    optima: Any
-
-    @property
-    def parameters(self) -> CircuitParameters:
-        """The best circuit."""
-        return self.optima[0].parameters
-
-    @property
-    def rmse_v(self) -> float:
-        """Its RMSE."""
-        return self.optima[0].rmse_v
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Refinement(WithOptima):
-    """Every seed's answer after refinement; `parameters` and `rmse_v` are those of the best.
-
-    Attributes:
-        seeds: Each seed's answer.
-        optima: The distinct optima, the best first.
-        at_bound: Parameters of the best at a bound.
-        objective: How errors were computed on the way.
-        evaluations: Simulations, a Jacobian as one per free parameter.
-        search: The search that was refined; None of a stored refinement.
-    """
-
-    seeds: Annotated[tuple[RefinedSeed, ...], Field(min_length=1)]
-    optima: Annotated[tuple[Optimum, ...], Field(min_length=1)]  # pyrefly: ignore
-    at_bound: tuple[AtBound, ...]
-    objective: Kind
-    evaluations: Count
-    search: Unstored[Any] = None
 
 
 @in_float64
@@ -288,32 +203,6 @@ def refine(
     return Refinement(tuple(refined), optima, bounded, descent.kind, spent, search)
 
 
-def distinct_optima(refined: Sequence[RefinedSeed]) -> tuple[Optimum, ...]:
-    """Refined seeds gathered into distinct optima, the best first.
-
-    A seed that was still moving counts only where it has reached an optimum all the same.
-    """
-    groups: list[list[RefinedSeed]] = []
-    for seed in sorted(refined, key=lambda seed: seed.rmse_v):
-        if groups and seed.rmse_v <= groups[-1][0].rmse_v * (1 + SAME_RMSE):
-            groups[-1].append(seed)
-        else:
-            groups.append([seed])
-    settled = [group for group in groups[1:] if any(seed.has_converged for seed in group)]
-    return tuple(
-        Optimum(
-            rmse_v=group[0].rmse_v,
-            parameters=group[0].parameters,
-            seeds=len(group),
-            is_family=any(
-                largest_change(group[0].parameters, seed.parameters) > SAME_PARAMETER
-                for seed in group
-            ),
-        )
-        for group in [groups[0], *settled]
-    )
-
-
 def at_bound(box: Coordinates, parameters: CircuitParameters) -> tuple[AtBound, ...]:
     """The parameters at an end of a box in `log` coordinates."""
     point = np.asarray(point_blocks([parameters], box)[0])[0]
@@ -325,12 +214,3 @@ def at_bound(box: Coordinates, parameters: CircuitParameters) -> tuple[AtBound, 
         if name not in box.names and limits[0] < limits[1]:
             places.append((name, *np.log([tau_s, *limits])))
     return near_ends(places)
-
-
-def near_ends(places: Iterable[tuple[str, float, float, float]]) -> tuple[AtBound, ...]:
-    """The names whose value is at the lower or the upper end that come with it."""
-    return tuple(
-        AtBound(name, "lower" if fraction < 0.5 else "upper")
-        for name, value, low, high in places
-        if not AT_BOUND < (fraction := (value - low) / (high - low)) < 1 - AT_BOUND
-    )

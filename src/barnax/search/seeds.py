@@ -1,8 +1,6 @@
 """The search: many seeds of one population optimizer, on one problem or on many."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
-from typing import Annotated, Any
 
 import jax
 import jax.numpy as jnp
@@ -10,99 +8,12 @@ import jax.random as jr
 import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Key
-from pydantic import Field
 
-from ..cell import CircuitParameters
-from ..display import Brief
 from ..errors import InputError
 from ..execution import compile_for, in_float64, run_blocks, seed_blocks, wanted_rows
-from ..model.coordinates import Scale
-from ..model.problem import Kind, Objective, Problem, rmse, rmse_by_scan
-from ..optimizers import OPTIMIZERS, AbstractPopulationMinimiser
-from ..schema import Count, Loss, Unstored
-from ..schema import Key as Seed
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class SeedAnswer(Brief):
-    """The answer of one seed.
-
-    Attributes:
-        rmse_v: RMSE of its best circuit, always by scan.
-        parameters: Its best circuit.
-        evaluations: Simulated candidates.
-        failures: Candidates without a finite error.
-    """
-
-    rmse_v: Loss
-    parameters: CircuitParameters
-    evaluations: int
-    failures: int
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Search(Brief):
-    """A search as it was set up, and the answers of all seeds.
-
-    Attributes:
-        method: The optimizer.
-        settings: Its own settings.
-        coordinates: Search coordinates: "rc", or logarithms of R and tau.
-        objective: How errors were computed: by "scan" or "compressed".
-        population: Candidates of a generation.
-        iterations: Generations of a run.
-        key: The key of all random numbers.
-        evaluations: Simulated candidates of all seeds.
-        seeds: Each seed's answer before refinement, in order.
-        problem: The problem that was searched; None of a stored search.
-        optimizer: By which optimizer; None likewise.
-    """
-
-    method: str
-    settings: dict[str, bool | int | float | str]
-    coordinates: Scale
-    objective: Kind
-    population: Count
-    iterations: Count
-    key: Seed
-    evaluations: Count
-    seeds: Annotated[tuple[SeedAnswer, ...], Field(min_length=1)]
-    problem: Unstored[Any] = None
-    optimizer: Unstored[Any] = None
-
-    @classmethod
-    def of(
-        cls,
-        problem: Problem,
-        optimizer: AbstractPopulationMinimiser,
-        key: int,
-        seeds: Sequence[SeedAnswer],
-    ) -> "Search":
-        """The search of a problem by an optimizer."""
-        budget = {"population": optimizer.population, "iterations": optimizer.iterations}
-        registered = (name for name, make in OPTIMIZERS.items() if make(**budget) == optimizer)
-        values = {field.name: getattr(optimizer, field.name) for field in fields(optimizer)}
-        return cls(
-            method=next(registered, type(optimizer).__name__),
-            settings={
-                name: value
-                for name, value in values.items()
-                if isinstance(value, bool | int | float | str)
-            },
-            coordinates=problem.scale,
-            objective=problem.kind,
-            **budget,
-            key=key,
-            evaluations=sum(answer.evaluations for answer in seeds),
-            seeds=tuple(seeds),
-            problem=problem,
-            optimizer=optimizer,
-        )
-
-    @property
-    def best(self) -> SeedAnswer:
-        """The answer with the lowest RMSE."""
-        return min(self.seeds, key=lambda answer: answer.rmse_v)
+from ..model.problem import Objective, Problem, rmse, rmse_by_scan
+from ..optimizers import AbstractPopulationMinimiser
+from .answers import Search, SeedAnswer
 
 
 def search_seeds(

@@ -6,7 +6,7 @@ An assessment needs no further fit; an examination fits again, some hundred time
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
@@ -16,11 +16,13 @@ from ..display import Brief
 from ..execution import in_float64
 from ..global_optimum.objective import ConstantObjective
 from ..model.prepared import PreparedRecord
-from ..model.problem import Problem, rmse_by_scan
 from ..schema import Unstored
 from .covariance import Covariance, Estimate, Uncertainty, linear_end, linearize
 from .identifiability import Identifiability, identifiability
 from .profiles import Profile, profile
+
+if TYPE_CHECKING:
+    from ..model.problem import Problem
 
 SOC_EDGES = np.linspace(0, 1, 11)
 # Multiples of the current that empties the cell in an hour.
@@ -65,7 +67,7 @@ class Diagnostics(Brief):
     by_temperature: tuple[Band, ...] | None
 
 
-def diagnostics(problem: Problem, covariance: Covariance) -> Diagnostics:
+def diagnostics(problem: "Problem", covariance: Covariance) -> Diagnostics:
     """The residuals of an optimum over the scored samples of its records."""
     linearization, noise = covariance.linearization, covariance.noise
     prepared_records = problem.prepared_records
@@ -182,7 +184,7 @@ class Assessment(Brief):
 
 
 @in_float64
-def assess(problem: Problem, parameters: CircuitParameters) -> Assessment:
+def assess(problem: "Problem", parameters: CircuitParameters) -> Assessment:
     """The intervals and diagnostics of an optimum, from one Jacobian.
 
     Args:
@@ -202,7 +204,7 @@ def assess(problem: Problem, parameters: CircuitParameters) -> Assessment:
 
 
 def _with_upper_ends(
-    problem: Problem, parameters: CircuitParameters, uncertainty: Uncertainty
+    problem: "Problem", parameters: CircuitParameters, uncertainty: Uncertainty
 ) -> Uncertainty:
     """The same with what resistances at their lower bounds are at most."""
     names = [one.name for one in uncertainty.estimates if one.held == "at lower bound"]
@@ -221,7 +223,9 @@ def _with_upper_ends(
 
 
 @in_float64
-def examine(problem: Problem, parameters: CircuitParameters, assessment: Assessment) -> Examination:
+def examine(
+    problem: "Problem", parameters: CircuitParameters, assessment: Assessment
+) -> Examination:
     """Profiles of all free parameters, by further fits.
 
     Args:
@@ -232,4 +236,6 @@ def examine(problem: Problem, parameters: CircuitParameters, assessment: Assessm
     given = {"covariance": assessment.covariance, "objective": ConstantObjective.of(problem)}
     free = [one.name for one in assessment.uncertainty.estimates if one.relative_error]
     profiles = tuple(profile(problem, parameters, name, **given) for name in free)
+    from ..model.problem import rmse_by_scan
+
     return Examination(rmse_by_scan(problem, [parameters])[0], profiles)

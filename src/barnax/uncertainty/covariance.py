@@ -10,11 +10,10 @@ positive.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-import jax
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 from scipy.linalg import block_diag
 
 from ..cell import CircuitParameters, get_circuit
@@ -22,10 +21,11 @@ from ..cell.elements import names_beside
 from ..display import Brief
 from ..errors import InputError
 from ..execution import as_input, compile_for, in_float64
-from ..model.problem import Objective, Problem, point_blocks, residuals
 from ..search.evaluate import nuisance_columns, one_clock, open_starts
-from ..search.refine import at_bound
 from .noise import CONFIDENCE, Noise, fit_noise
+
+if TYPE_CHECKING:
+    from ..model.problem import Problem
 
 # Singular values of the scaled Jacobian under this share of the largest are rounding.
 SMALLEST_SHARE = 1e-9
@@ -99,7 +99,7 @@ def named_values(parameters: CircuitParameters) -> dict[str, float]:
 
 @in_float64
 def linearize(
-    problem: Problem, parameters: CircuitParameters, freed: Sequence[str] = ()
+    problem: "Problem", parameters: CircuitParameters, freed: Sequence[str] = ()
 ) -> Linearization:
     """The errors of a circuit of the box and their derivatives, always by the scan.
 
@@ -107,11 +107,14 @@ def linearize(
     is one that no scored sample depends on. Raises `InputError` where an error or a derivative is
     no number that can be squared.
     """
+    from ..model.problem import errors_and_slopes, point_blocks
+    from ..search.refine import at_bound
+
     objective = problem.padded_objective()
     box = objective.coordinates
     point = np.asarray(point_blocks([parameters], box)[0])[0]
     here = as_input(point)
-    program = compile_for(_errors_and_slopes, here, objective)
+    program = compile_for(errors_and_slopes, here, objective)
     error, slope = (np.asarray(part) for part in program(here, objective))
     scored = np.concatenate([np.asarray(inputs.weight) for inputs in problem.padded_inputs]) > 0
     unit = np.sqrt(problem.scored)
@@ -157,21 +160,12 @@ def linearize(
 
 
 @in_float64
-def compile_linearization(problem: Problem) -> None:
+def compile_linearization(problem: "Problem") -> None:
     """Make the program of `linearize`, which takes seconds and waits for no answer."""
+    from ..model.problem import errors_and_slopes
+
     objective = problem.padded_objective()
-    compile_for(_errors_and_slopes, objective.coordinates.lower, objective)
-
-
-def _errors_and_slopes(
-    point: Float[Array, "free"], objective: Objective
-) -> tuple[Float[Array, "samples"], Float[Array, "samples free"]]:
-    def errors(point):
-        error = residuals(point, objective)
-        return error, error
-
-    slope, error = jax.jacfwd(errors, has_aux=True)(point)
-    return error, slope
+    compile_for(errors_and_slopes, objective.coordinates.lower, objective)
 
 
 @dataclass(frozen=True)

@@ -4,13 +4,15 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations, pairwise
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from ..cell.elements import ElementNames, names_beside
-from ..model.problem import Problem
 from .covariance import Covariance, Estimate, Uncertainty
+
+if TYPE_CHECKING:
+    from ..model.problem import Problem
 
 # A combination is worth telling where its error is this much smaller than its members'.
 SHARPER = 1 / 3
@@ -63,7 +65,7 @@ class Identifiability:
 
 
 def identifiability(
-    problem: Problem, covariance: Covariance, uncertainty: Uncertainty
+    problem: "Problem", covariance: Covariance, uncertainty: Uncertainty
 ) -> Identifiability:
     """The identifiability of an optimum by the records of its problem."""
     search = _Search(

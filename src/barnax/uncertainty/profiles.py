@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -9,9 +10,11 @@ from ..cell import CircuitParameters
 from ..errors import InputError
 from ..global_optimum.objective import ConstantObjective
 from ..model.descent import polish
-from ..model.problem import Problem
 from .covariance import Covariance, linearize, named_values
 from .noise import t_quantile
+
+if TYPE_CHECKING:
+    from ..model.problem import Problem
 
 # Values to either side of the parameter's own.
 POINTS = 7
@@ -37,7 +40,7 @@ class Profile:
 
 
 def profile(
-    problem: Problem,
+    problem: "Problem",
     parameters: CircuitParameters,
     name: str,
     *,

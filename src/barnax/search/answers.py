@@ -1,0 +1,231 @@
+"""What a search and its refinement answer, as results store it: seeds and distinct optima."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from ..cell import CircuitParameters
+from ..display import Brief
+from ..model.search_space import Kind, Scale
+from ..schema import Count, Loss, Unstored, Volts
+from ..schema import Key as Seed
+
+if TYPE_CHECKING:
+    from ..model.problem import Problem
+    from ..optimizers import AbstractPopulationMinimiser
+
+# A parameter this close to an end of its box, as a fraction of the (log) width, is at the bound.
+AT_BOUND = 1e-3
+# Refined answers whose RMSE agree this closely (relative) are one optimum; if their parameters
+# differ by more than this all the same, the optimum is a family of circuits.
+SAME_RMSE = 1e-5
+SAME_PARAMETER = 1e-2
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SeedAnswer(Brief):
+    """The answer of one seed.
+
+    Attributes:
+        rmse_v: RMSE of its best circuit, always by scan.
+        parameters: Its best circuit.
+        evaluations: Simulated candidates.
+        failures: Candidates without a finite error.
+    """
+
+    rmse_v: Loss
+    parameters: CircuitParameters
+    evaluations: int
+    failures: int
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Search(Brief):
+    """A search as it was set up, and the answers of all seeds.
+
+    Attributes:
+        method: The optimizer.
+        settings: Its own settings.
+        coordinates: Search coordinates: "rc", or logarithms of R and tau.
+        objective: How errors were computed: by "scan" or "compressed".
+        population: Candidates of a generation.
+        iterations: Generations of a run.
+        key: The key of all random numbers.
+        evaluations: Simulated candidates of all seeds.
+        seeds: Each seed's answer before refinement, in order.
+        problem: The problem that was searched; None of a stored search.
+        optimizer: By which optimizer; None likewise.
+    """
+
+    method: str
+    settings: dict[str, bool | int | float | str]
+    coordinates: Scale
+    objective: Kind
+    population: Count
+    iterations: Count
+    key: Seed
+    evaluations: Count
+    seeds: Annotated[tuple[SeedAnswer, ...], Field(min_length=1)]
+    problem: Unstored[Any] = None
+    optimizer: Unstored[Any] = None
+
+    @classmethod
+    def of(
+        cls,
+        problem: "Problem",
+        optimizer: "AbstractPopulationMinimiser",
+        key: int,
+        seeds: Sequence[SeedAnswer],
+    ) -> "Search":
+        """The search of a problem by an optimizer."""
+        from ..optimizers import OPTIMIZERS
+
+        budget = {"population": optimizer.population, "iterations": optimizer.iterations}
+        registered = (name for name, make in OPTIMIZERS.items() if make(**budget) == optimizer)
+        values = {field.name: getattr(optimizer, field.name) for field in fields(optimizer)}
+        return cls(
+            method=next(registered, type(optimizer).__name__),
+            settings={
+                name: value
+                for name, value in values.items()
+                if isinstance(value, bool | int | float | str)
+            },
+            coordinates=problem.scale,
+            objective=problem.kind,
+            **budget,
+            key=key,
+            evaluations=sum(answer.evaluations for answer in seeds),
+            seeds=tuple(seeds),
+            problem=problem,
+            optimizer=optimizer,
+        )
+
+    @property
+    def best(self) -> SeedAnswer:
+        """The answer with the lowest RMSE."""
+        return min(self.seeds, key=lambda answer: answer.rmse_v)
+
+
+@dataclass(frozen=True)
+class RefinedSeed:
+    """The end of one seed's refinement; `moved` is the largest relative change of a parameter.
+
+    `evaluations` counts the simulations that took, a Jacobian as one per free parameter.
+    """
+
+    rmse_v: float
+    parameters: CircuitParameters
+    moved: float
+    has_converged: bool
+    evaluations: int = 0
+
+
+@dataclass(frozen=True)
+class AtBound:
+    """A parameter that ended at one end of its box.
+
+    Attributes:
+        name: PyBaMM's name.
+        side: Which end.
+    """
+
+    name: str
+    side: Literal["lower", "upper"]
+
+
+@dataclass(frozen=True)
+class Optimum:
+    """A distinct optimum that refined seeds reached.
+
+    Attributes:
+        rmse_v: Its RMSE.
+        parameters: Its circuit.
+        seeds: Number of seeds that reached it.
+        is_family: True if circuits with different parameters fit equally well there.
+    """
+
+    rmse_v: Volts
+    parameters: CircuitParameters
+    seeds: int
+    is_family: bool
+
+
+class WithOptima(Brief):
+    """What has distinct `optima`, the best first."""
+
+    optima: Any
+
+    @property
+    def parameters(self) -> CircuitParameters:
+        """The best circuit."""
+        return self.optima[0].parameters
+
+    @property
+    def rmse_v(self) -> float:
+        """Its RMSE."""
+        return self.optima[0].rmse_v
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Refinement(WithOptima):
+    """Every seed's answer after refinement; `parameters` and `rmse_v` are those of the best.
+
+    Attributes:
+        seeds: Each seed's answer.
+        optima: The distinct optima, the best first.
+        at_bound: Parameters of the best at a bound.
+        objective: How errors were computed on the way.
+        evaluations: Simulations, a Jacobian as one per free parameter.
+        search: The search that was refined; None of a stored refinement.
+    """
+
+    seeds: Annotated[tuple[RefinedSeed, ...], Field(min_length=1)]
+    optima: Annotated[tuple[Optimum, ...], Field(min_length=1)]  # pyrefly: ignore
+    at_bound: tuple[AtBound, ...]
+    objective: Kind
+    evaluations: Count
+    search: Unstored[Any] = None
+
+
+def largest_change(before: CircuitParameters, after: CircuitParameters) -> float:
+    """The largest relative change of any parameter."""
+    old, new = (np.array(list(values.to_dict().values())) for values in (before, after))
+    return float(np.max(np.abs(new / old - 1)))
+
+
+def distinct_optima(refined: Sequence[RefinedSeed]) -> tuple[Optimum, ...]:
+    """Refined seeds gathered into distinct optima, the best first.
+
+    A seed that was still moving counts only where it has reached an optimum all the same.
+    """
+    groups: list[list[RefinedSeed]] = []
+    for seed in sorted(refined, key=lambda seed: seed.rmse_v):
+        if groups and seed.rmse_v <= groups[-1][0].rmse_v * (1 + SAME_RMSE):
+            groups[-1].append(seed)
+        else:
+            groups.append([seed])
+    settled = [group for group in groups[1:] if any(seed.has_converged for seed in group)]
+    return tuple(
+        Optimum(
+            rmse_v=group[0].rmse_v,
+            parameters=group[0].parameters,
+            seeds=len(group),
+            is_family=any(
+                largest_change(group[0].parameters, seed.parameters) > SAME_PARAMETER
+                for seed in group
+            ),
+        )
+        for group in [groups[0], *settled]
+    )
+
+
+def near_ends(places: Iterable[tuple[str, float, float, float]]) -> tuple[AtBound, ...]:
+    """The names whose value is at the lower or the upper end that come with it."""
+    return tuple(
+        AtBound(name, "lower" if fraction < 0.5 else "upper")
+        for name, value, low, high in places
+        if not AT_BOUND < (fraction := (value - low) / (high - low)) < 1 - AT_BOUND
+    )

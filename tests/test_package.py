@@ -17,6 +17,8 @@ import pytest
 
 import barnax
 from barnax.bundled import BUNDLED_NAMES, HPPC_NAMES, LFP_NAMES
+from barnax.select.choose import Tried
+from helpers.golden import RESULT
 
 REPOSITORY = Path(__file__).parents[1]
 SOURCE = REPOSITORY / "src"
@@ -64,6 +66,26 @@ def test_a_file_is_checked_and_converted_without_jax_and_figures(command, tmp_pa
     )
     assert "polars" in (loaded := loaded_by(code))
     assert not loaded & {"jax", "equinox", "optimistix", "matplotlib"}
+
+
+@pytest.mark.parametrize(
+    "words", [["{0}"], ["{0}", "--all"], ["{0}", "{1}"], ["{0}", "--choice"]], ids=str
+)
+def test_a_result_is_shown_without_jax(words, tmp_path):
+    result = barnax.Result.from_json(RESULT)
+    tried = Tried(None, result.model, 1, (), 0.01, None, None)
+    paths = [tmp_path / name for name in ("fresh.json", "aged.json")]
+    for path in paths:
+        path.write_text(result.model_copy(update={"tried": (tried,)}).to_json(), encoding="utf-8")
+    words = words.format(*paths).split()
+    code = (
+        f"import sys; sys.argv = ['barnax', 'show', *{words}]\n"
+        "from barnax.__main__ import main\n"
+        "try: main()\n"
+        "except SystemExit as end: assert not end.code, end.code"
+    )
+    assert "pydantic" in (loaded := loaded_by(code))
+    assert not loaded & {"jax", "jaxlib", "equinox", "optimistix"}
 
 
 def test_a_screen_needs_no_figures():

@@ -133,10 +133,9 @@ def in_one_function(function: Callable[P, R]) -> Callable[P, R]:
     def called(*args: P.args, **kwargs: P.kwargs) -> R:
         if not _in_one_function.get():
             return function(*args, **kwargs)
-        import jax
-        from jax.experimental.xla_metadata import set_xla_metadata
+        import jax.experimental.xla_metadata
 
-        with set_xla_metadata(**_ASKED):
+        with jax.experimental.xla_metadata.set_xla_metadata(**_ASKED):
             return jax.jit(function)(*args, **kwargs)
 
     return called

@@ -11,8 +11,9 @@ from barnax.model.problem import Problem, make_problem
 from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
 from barnax.records import Decision, Hold
-from barnax.search.answers import Search, SeedAnswer
+from barnax.search.answers import SeedAnswer
 from barnax.search.refine import refine
+from barnax.search.seeds import search_of
 from barnax.uncertainty import Assessment, assess
 from helpers.reference import drop_v, filtered_response
 
@@ -36,7 +37,7 @@ class Fit:
 def fit(problem: Problem, start: CircuitParameters = TRUTH) -> Fit:
     """The optimum next to `start`."""
     seed = SeedAnswer(1.0, start, 0, 0)
-    refinement = refine(Search.of(problem, make_optimizer("ibmo", 12, 40), 0, (seed,)))
+    refinement = refine(search_of(problem, make_optimizer("ibmo", 12, 40), 0, (seed,)))
     return Fit(problem, refinement.parameters, refinement.rmse_v)
 
 

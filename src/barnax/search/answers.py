@@ -1,8 +1,8 @@
 """What a search and its refinement answer, as results store it: seeds and distinct optima."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -12,10 +12,6 @@ from ..display import Brief
 from ..model.search_space import Kind, Scale
 from ..schema import Count, Loss, Unstored, Volts
 from ..schema import Key as Seed
-
-if TYPE_CHECKING:
-    from ..model.problem import Problem
-    from ..optimizers import AbstractPopulationMinimiser
 
 # A parameter this close to an end of its box, as a fraction of the (log) width, is at the bound.
 AT_BOUND = 1e-3
@@ -71,37 +67,6 @@ class Search(Brief):
     seeds: Annotated[tuple[SeedAnswer, ...], Field(min_length=1)]
     problem: Unstored[Any] = None
     optimizer: Unstored[Any] = None
-
-    @classmethod
-    def of(
-        cls,
-        problem: "Problem",
-        optimizer: "AbstractPopulationMinimiser",
-        key: int,
-        seeds: Sequence[SeedAnswer],
-    ) -> "Search":
-        """The search of a problem by an optimizer."""
-        from ..optimizers import OPTIMIZERS
-
-        budget = {"population": optimizer.population, "iterations": optimizer.iterations}
-        registered = (name for name, make in OPTIMIZERS.items() if make(**budget) == optimizer)
-        values = {field.name: getattr(optimizer, field.name) for field in fields(optimizer)}
-        return cls(
-            method=next(registered, type(optimizer).__name__),
-            settings={
-                name: value
-                for name, value in values.items()
-                if isinstance(value, bool | int | float | str)
-            },
-            coordinates=problem.scale,
-            objective=problem.kind,
-            **budget,
-            key=key,
-            evaluations=sum(answer.evaluations for answer in seeds),
-            seeds=tuple(seeds),
-            problem=problem,
-            optimizer=optimizer,
-        )
 
     @property
     def best(self) -> SeedAnswer:

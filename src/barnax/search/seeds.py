@@ -1,6 +1,7 @@
 """The search: many seeds of one population optimizer, on one problem or on many."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import fields
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +13,7 @@ from jaxtyping import Array, Key
 from ..errors import InputError
 from ..execution import compile_for, in_float64, run_blocks, seed_blocks, wanted_rows
 from ..model.problem import Objective, Problem, rmse, rmse_by_scan
-from ..optimizers import AbstractPopulationMinimiser
+from ..optimizers import OPTIMIZERS, AbstractPopulationMinimiser
 from .answers import Search, SeedAnswer
 
 
@@ -101,8 +102,36 @@ def search_many(
         if problem.kind != "scan":
             errors_v = rmse_by_scan(problem, circuits)
         answers = [*map(SeedAnswer, errors_v, circuits, map(int, evaluations), map(int, failures))]
-        searches.append(Search.of(problem, optimizer, integer, answers))
+        searches.append(search_of(problem, optimizer, integer, answers))
     return searches
+
+
+def search_of(
+    problem: Problem,
+    optimizer: AbstractPopulationMinimiser,
+    key: int,
+    seeds: Sequence[SeedAnswer],
+) -> Search:
+    """The search of a problem by an optimizer."""
+    budget = {"population": optimizer.population, "iterations": optimizer.iterations}
+    registered = (name for name, make in OPTIMIZERS.items() if make(**budget) == optimizer)
+    values = {field.name: getattr(optimizer, field.name) for field in fields(optimizer)}
+    return Search(
+        method=next(registered, type(optimizer).__name__),
+        settings={
+            name: value
+            for name, value in values.items()
+            if isinstance(value, bool | int | float | str)
+        },
+        coordinates=problem.scale,
+        objective=problem.kind,
+        **budget,
+        key=key,
+        evaluations=sum(answer.evaluations for answer in seeds),
+        seeds=tuple(seeds),
+        problem=problem,
+        optimizer=optimizer,
+    )
 
 
 class Undifferentiated(optx.AbstractAdjoint):

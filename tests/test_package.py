@@ -68,9 +68,7 @@ def test_a_file_is_checked_and_converted_without_jax_and_figures(command, tmp_pa
     assert not loaded & {"jax", "equinox", "optimistix", "matplotlib"}
 
 
-@pytest.mark.parametrize(
-    "words", [["{0}"], ["{0}", "--all"], ["{0}", "{1}"], ["{0}", "--choice"]], ids=str
-)
+@pytest.mark.parametrize("words", ["{0}", "{0} --all", "{0} {1}", "{0} --choice"], ids=str)
 def test_a_result_is_shown_without_jax(words, tmp_path):
     result = barnax.Result.from_json(RESULT)
     tried = Tried(None, result.model, 1, (), 0.01, None, None)

@@ -185,7 +185,10 @@ def takes_options(
         @functools.wraps(run)
         def function(*given: Asked.args, **options: Asked.kwargs) -> Found:
             if given and isinstance(given[0], Job):
-                given, options = (), {**given[0].chosen, **options}  # pyrefly: ignore
+                # Of a job of another kind, what both have.
+                names = inspect.signature(make).parameters
+                chosen = {name: one for name, one in given[0].chosen.items() if name in names}
+                given, options = (), {**chosen, **options}  # pyrefly: ignore
             return run(make(*given, **options))
 
         described = explained(run)

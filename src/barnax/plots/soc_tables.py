@@ -237,7 +237,7 @@ def plot_over_temperature(table_fits: "TableFits") -> Figure:
     one temperature.
 
     Args:
-        found: Tables of several temperatures.
+        table_fits: Tables of several temperatures.
     """
     over, between = table_fits.over_temperature, table_fits.tables
     if over is None or between is None:

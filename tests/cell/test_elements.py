@@ -80,8 +80,11 @@ def test_a_circuit_of_ones_own_is_known_by_its_name():
     assert get_circuit("cell/test_elements") is made
     assert made.source_voltage is get_circuit("iso-rc").source_voltage
     assert make_circuit("cell/test_elements", "rc", "diffusion", like="iso-rc") == made
-    with pytest.raises(InputError, match="another circuit called 'cell/test_elements'"):
+    with pytest.raises(InputError, match="'cell/test_elements' is another circuit"):
         make_circuit("cell/test_elements", "rc")
+    with pytest.raises(InputError, match="choose another name, without a \\+"):
+        make_circuit("so-rc+diffusion", "rc")
+    assert get_circuit("so-rc+diffusion").elements == ("rc", "rc", "diffusion")
     with pytest.raises(InputError, match="no element is called 'warburg'"):
         make_circuit("cell/other", "rc", "warburg")
     with pytest.raises(InputError, match="RC pairs come first"):

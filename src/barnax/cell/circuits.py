@@ -148,10 +148,12 @@ class Circuits(dict[str, Circuit]):
     """Circuits by name."""
 
     def add(self, circuit: Circuit) -> None:
-        """Make a circuit known. Raises `InputError` where another one has its name."""
-        if self.setdefault(circuit.name, circuit) != circuit:
+        """Make a circuit known. Raises `InputError` where another one has its name, or it has a +
+        in it, as `Circuit.beside` has."""
+        if "+" in circuit.name or self.setdefault(circuit.name, circuit) != circuit:
             raise InputError(
-                f"there is another circuit called {circuit.name!r}; choose another name"
+                f"{circuit.name!r} is another circuit, or reads as one with elements beside it; "
+                "choose another name, without a +"
             )
 
 
@@ -185,10 +187,10 @@ def make_circuit(
     return made
 
 
-def get_circuit(name: str) -> Circuit:
+def get_circuit(name: str, option: str = "model") -> Circuit:
     """The circuit registered as `name`, or one with elements beside, such as "so-rc+diffusion".
 
-    Raises `InputError` that lists the names.
+    Raises `InputError` that lists the names, about the option that names it.
 
     >>> get_circuit("so-rc").name
     'so-rc'
@@ -197,7 +199,7 @@ def get_circuit(name: str) -> Circuit:
     if base not in CIRCUITS or not all(element in ELEMENTS for element in added):
         beside = ", ".join(f"+{element}" for element in ELEMENTS if element != RC.name)
         raise InputError(
-            f"`model` {name!r} is not known; there are {', '.join(CIRCUITS)} (so-rc has two RC "
+            f"`{option}` {name!r} is not known; there are {', '.join(CIRCUITS)} (so-rc has two RC "
             f"pairs), each also with {beside}"
         )
     return CIRCUITS[base].beside(*added) if added else CIRCUITS[base]

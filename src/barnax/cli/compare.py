@@ -52,13 +52,13 @@ def compare(options: Comparing) -> None:
     """
     record, run = options.record, options.output.begun(DEFAULT_FOLDER)
     run.load_jax()
-    from ..cell import CIRCUITS
+    from ..cell import get_circuit
     from ..comparison import PAPER_ROWS
     from ..comparison.run import ComparisonJob
 
     rows = chosen_rows(options.models, options.methods, PAPER_ROWS)
     for model, method in rows:
-        require_choice("models", model, CIRCUITS)
+        get_circuit(model, "models")
         require_choice("methods", method, barnax.METHODS)
     job = ComparisonJob(
         [record] if record else [], **options_of_job(options.job), rows=rows, watch=run.watch

@@ -39,19 +39,23 @@ def loaded_by(code: str) -> set[str]:
     return set(json.loads(python("-c", f"{code}\n{report}").splitlines()[-1]))
 
 
+def loaded_by_command(*words: str) -> set[str]:
+    """What a command that ends well has loaded."""
+    return loaded_by(
+        f"import sys; sys.argv = ['barnax', *{words}]\n"
+        "from barnax.__main__ import main\n"
+        "try: main()\n"
+        "except SystemExit as end: assert not end.code, end.code"
+    )
+
+
 def test_importing_barnax_loads_nothing_heavy():
     assert not loaded_by("import barnax, barnax.__main__; barnax.__version__; dir(barnax)") & HEAVY
 
 
 @pytest.mark.parametrize("words", [[], ["identify"]], ids=str)
 def test_help_answers_without_jax(words):
-    code = (
-        f"import sys; sys.argv = ['barnax', *{words}, '--help']\n"
-        "from barnax.__main__ import main\n"
-        "try: main()\n"
-        "except SystemExit as end: assert not end.code, end.code"
-    )
-    assert not loaded_by(code) & HEAVY
+    assert not loaded_by_command(*words, "--help") & HEAVY
 
 
 @pytest.mark.parametrize("command", ["check", "convert"])
@@ -75,14 +79,8 @@ def test_a_result_is_shown_without_jax(words, tmp_path):
     paths = [tmp_path / name for name in ("fresh.json", "aged.json")]
     for path in paths:
         path.write_text(result.model_copy(update={"tried": (tried,)}).to_json(), encoding="utf-8")
-    words = words.format(*paths).split()
-    code = (
-        f"import sys; sys.argv = ['barnax', 'show', *{words}]\n"
-        "from barnax.__main__ import main\n"
-        "try: main()\n"
-        "except SystemExit as end: assert not end.code, end.code"
-    )
-    assert "pydantic" in (loaded := loaded_by(code))
+    loaded = loaded_by_command("show", *words.format(*paths).split())
+    assert "pydantic" in loaded
     assert not loaded & {"jax", "jaxlib", "equinox", "optimistix"}
 
 

@@ -247,7 +247,7 @@ def test_the_next_step_is_an_option_beside_the_plan_of_the_run(
     [
         ("why", {}, {}, "barnax identify d/a.csv d/b.csv d/c.csv --ocv d/o.csv --out barnax-out"),
         ("why", {"over": "soc"}, {}, ""),
-        ("why", {}, {"initial_soc": 0.5}, ""),
+        ("why", {}, {"initial_soc": 0.0}, ""),
         ("", {}, {}, ""),
     ],
 )

@@ -282,7 +282,9 @@ def _with_record(plan: "barnax.Plan", name: str) -> list[str]:
         if role in roles:
             roles[role] += [*[role][: role.startswith("--")], *map(str, part.paths)]
     is_given = GIVEN in plan.reasons.values() or any(
-        part.span_s or not part.reason or (part.window.initial_soc and not part.plans_soc)
+        part.span_s
+        or not part.reason
+        or (part.window.initial_soc is not None and not part.plans_soc)
         for part in plan.parts
     )
     return [] if is_given or plan.window != barnax.Window() else [*chain(*roles.values())]

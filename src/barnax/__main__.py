@@ -10,6 +10,8 @@ from contextlib import suppress
 BAD_INPUT = 2
 INTERRUPTED = 130
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
+# The commands that write no result.
+READING = {"check", "optimizers", "show", "validate"}
 
 
 def _stop(*_: object) -> None:
@@ -20,14 +22,16 @@ def _stop(*_: object) -> None:
     # One end is enough: another signal, or a pending one, is not answered.
     for number in SIGNALS:
         signal.signal(number, lambda *_: None)
-    kept = "earlier results are as they were"
+    kept = "; earlier results are as they were"
     if sys.argv[1:2] == ["fleet"]:
-        kept = "the finished cells are kept, and the same command continues"
+        kept = "; the finished cells are kept, and the same command continues"
+    elif {*sys.argv[1:2]} <= READING:
+        kept = ""
     # A progress bar stands in the line, and hides the cursor.
     cleared = "\r\x1b[2K\x1b[?25h" if os.isatty(2) else ""
     with suppress(OSError):
         # Not by sys.stderr: the signal may have come in the middle of a write to it.
-        os.write(2, f"{cleared}interrupted; {kept}\n".encode())
+        os.write(2, f"{cleared}interrupted{kept}\n".encode())
     os._exit(INTERRUPTED)
 
 

@@ -51,6 +51,7 @@ def run_command(*words: object) -> Outcome:
         ):
             patch.setattr(ConstrainedLayoutEngine, "execute", lambda *_: None)
             patch.setattr("typer.main.get_command", tree_of)
+            patch.setattr("barnax.cli.session.PATIENCE_S", 1e6)
             main()
         status = 0
     except SystemExit as end:

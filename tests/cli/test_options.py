@@ -1,6 +1,7 @@
 """Options: what messages call them, that there are all of them, and those of one record."""
 
 import re
+import time
 from pathlib import Path
 
 import pytest
@@ -92,6 +93,21 @@ def test_what_contradicts_itself_is_refused_by_the_name_of_its_record():
     given = {"start_time": ["b.csv=60"], "start_after_step": ["b.csv=3"]}
     with pytest.raises(InputError, match=r"^b\.csv: give `start_time` or `start_after_step`"):
         windows_of(given)
+
+
+def test_a_long_stage_is_reported_without_a_terminal_and_says_how_long_is_left(capsys, monkeypatch):
+    monkeypatch.setattr("barnax.cli.session.PATIENCE_S", 0.05)
+    with Session(is_quiet=False).watch("Searching", 4) as advance:
+        advance(1)
+        time.sleep(0.3)
+    first, *others = capsys.readouterr().err.splitlines()
+    matched = re.fullmatch(r"Searching: (\S+) s, 1 of 4, about (\S+) s left", first)
+    assert float(matched[2]) == pytest.approx(3 * float(matched[1]), rel=0.02)
+    # At 0.05 and 0.15 s, and no more.
+    assert len(others) == 1
+    with Session(is_quiet=True).watch("Searching"):
+        time.sleep(0.1)
+    assert capsys.readouterr().err == ""
 
 
 def test_what_was_assumed_of_a_file_is_a_note_among_warnings_too(capsys):

@@ -159,11 +159,11 @@ def fleet(given: FleetOptions) -> None:
             if path.exists():
                 raise InputError(f"{path}: is of no fleet; give `out` another folder")
     started_s = time.perf_counter()
-    with session.counting("Identifying", len(cells)) as advance, _ended_from_within():
+    with session.watch("Identifying", len(cells)) as update, _ended_from_within():
 
         def report(state: "Progress") -> None:
             remark = wording("fleet.progress", state, time.perf_counter() - started_s)
-            advance(state.finished + state.skipped, remark)
+            update(completed=state.finished + state.skipped, remark=shown(remark))
 
         shard = parse_shard(given.shard) if given.shard else None
         engine = {name: getattr(given, name) for name in ("workers", "scheduler", "retry")}

@@ -205,8 +205,7 @@ def _run(
     run.show(reporting.terminal.next_lines(*_next(result, run, plan, options.design)))
     names = ["report.html", "result.json", TABLES, "pulses.csv", "figures"]
     run.show_written(names, following=f"barnax show --all {shlex.quote(str(run.folder))}")
-    run.tell(result.notes)
-    run.warn(result.warnings)
+    run.warn(result.warnings, result.notes)
 
 
 def _sampled_by(promise: "barnax.Design", plan: "barnax.Plan") -> "barnax.Plan":

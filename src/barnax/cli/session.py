@@ -3,6 +3,7 @@
 import json
 import re
 import shlex
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -15,8 +16,7 @@ from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
-    ProgressColumn,
-    TaskID,
+    Task,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
@@ -30,6 +30,9 @@ from ..settings import TableOptions
 
 # Options of `barnax.identify` that are no options of a command, but keys of a plan.
 RESEARCH = {*vars(TableOptions()), "hysteresis_fit"} - {"resistances_follow", "keep_starts"}
+
+# Without a terminal, a stage is first reported after so long.
+PATIENCE_S = 10.0
 
 
 def flag_of(name: str) -> str:
@@ -75,40 +78,46 @@ class Session:
         self._started = time.perf_counter()
 
     @contextmanager
-    def watch(self, title: str, total: int = 0) -> Iterator[Callable[[int], None]]:
-        """Time a stage, under a spinner, or under a bar of `total` steps that it advances."""
-        count = [MofNCompleteColumn()] if total else []
-        columns = (BarColumn(pulse_style="cyan"), *count, TimeElapsedColumn())
-        with self._progress(title, total, columns) as (progress, task):
-            yield lambda gained: progress.advance(task, gained)
+    def watch(self, title: str, total: int = 0) -> Iterator[Callable[..., None]]:
+        """Time a stage, under a bar of `total` steps if there are any. The function it gives takes
+        the steps gained, or what `Progress.update` takes and a `remark`.
+
+        Without a terminal, a stage of more than `PATIENCE_S` is reported in a line.
+        """
+        counts = (MofNCompleteColumn(), TimeRemainingColumn()) if total else ()
+        remark = TextColumn("{task.fields[remark]}")
+        columns = (BarColumn(pulse_style="cyan"), remark, *counts, TimeElapsedColumn())
+        is_shown = self._notes.is_terminal and not self._is_quiet
+        progress = Progress(
+            TextColumn("{task.description}"), *columns,
+            console=self._notes, transient=True, disable=not is_shown,
+        )  # fmt: skip
+        task = progress.add_task(shown(title), total=total or None, remark="")
+        is_over = threading.Event()
+        if not (is_shown or self._is_quiet):
+            lines = (title, progress.tasks[0], is_over)
+            threading.Thread(target=self._report, args=lines, daemon=True).start()
+        with self.timed(title), progress:
+            try:
+                yield lambda gained=0, **state: progress.update(task, advance=gained, **state)
+            finally:
+                is_over.set()
+
+    def _report(self, title: str, task: Task, is_over: threading.Event) -> None:
+        """Print how far a stage is, at intervals that double, until it is over."""
+        wait_s, duration = PATIENCE_S, reporting.words.duration
+        while not is_over.wait(wait_s):
+            wait_s, elapsed_s, steps = 2 * wait_s, task.elapsed or 0.0, ""
+            if task.total and task.completed:
+                left_s = elapsed_s * (task.total / task.completed - 1)
+                steps = f", {task.completed:g} of {task.total:g}, about {duration(left_s)} left"
+            self.note(f"{title}: {duration(elapsed_s)}{steps}")
 
     def load_jax(self) -> None:
         """A stage in which JAX is loaded, and what identifies with it."""
         with self.watch("Loading JAX"):
             prepare_jax()
             import_module("barnax.pipeline")
-
-    @contextmanager
-    def counting(self, title: str, total: int) -> Iterator[Callable[[int, str], None]]:
-        """A bar of a long run with the time left; told how much is done, and a remark on it."""
-        remark = TextColumn("{task.fields[remark]}")
-        columns = [BarColumn(), MofNCompleteColumn(), remark, TimeRemainingColumn()]
-        with self._progress(title, total, columns) as (progress, task):
-            yield lambda done, remark: progress.update(task, completed=done, remark=shown(remark))
-
-    @contextmanager
-    def _progress(
-        self, title: str, total: int, columns: Iterable[ProgressColumn]
-    ) -> Iterator[tuple[Progress, TaskID]]:
-        progress = Progress(
-            TextColumn("{task.description}"),
-            *columns,
-            console=self._notes,
-            transient=True,
-            disable=self._is_quiet or not self._notes.is_terminal,
-        )
-        with self.timed(title), progress:
-            yield progress, progress.add_task(shown(title), total=total or None, remark="")
 
     @contextmanager
     def timed(self, title: str, advance: Any = None) -> Iterator[Any]:
@@ -136,18 +145,14 @@ class Session:
         if not self._is_quiet:
             self._notes.print(shown(as_flags(text)), soft_wrap=True)
 
-    def tell(self, notes: Iterable[object]) -> None:
-        """Print what was done with the inputs to stderr, unless the command is quiet."""
-        if not self._is_quiet:
-            self._list("[dim]note:[/dim]", notes)
-
-    def warn(self, warnings: Iterable[object]) -> None:
-        """Print warnings to stderr, even where the command is quiet, and as notes what was assumed
-        of a file; other notes are the report's."""
+    def warn(self, warnings: Iterable[object], notes: Iterable[object] = ()) -> None:
+        """Print notes and warnings to stderr; where the command is quiet, warnings and what was
+        assumed of a file alone."""
         every = [*warnings]
-        notes = [one for one in every if isinstance(one, Notice) and not one.counts]
-        self._list("[yellow]warning:[/yellow]", (one for one in every if one not in notes))
-        self._list("[dim]note:[/dim]", (note for note in notes if note.is_kept))
+        minor = [one for one in every if isinstance(one, Notice) and not one.counts]
+        self._list("[dim]note:[/dim]", () if self._is_quiet else notes)
+        self._list("[yellow]warning:[/yellow]", (one for one in every if one not in minor))
+        self._list("[dim]note:[/dim]", (note for note in minor if note.is_kept))
 
     def _list(self, kind: str, notices: Iterable[object]) -> None:
         for sentence in sentences_of(notices):

@@ -143,5 +143,5 @@ def test_where_the_samples_do_not_determine_a_table_is_a_caveat():
     undetermined = result.model_copy(update={"tables": replace(result.tables, fits=fits)})
     told = " ".join(tables_of(undetermined).caveats)
     assert "OCV at SOC 0, 0.05." in told
-    assert "a capacitance made of it means nothing by itself: R1 at SOC 0.1." in told
+    assert "a capacitance derived from it means nothing on its own: R1 at SOC 0.1." in told
     assert " at SOC 0" not in " ".join(tables_of(result).caveats[1:])

@@ -4,7 +4,6 @@ import math
 from dataclasses import replace
 
 import numpy as np
-import polars as pl
 import pytest
 from scipy.signal import lfilter
 
@@ -70,7 +69,6 @@ def test_a_start_of_ones_own_is_where_it_starts():
     [
         ({"Current [A]": [1.0, 1.0]}, {}, r"no column of the time among Current \[A\]"),
         (CURRENT_A, {}, "has no times; give them in s"),
-        (3.0, {}, "not a data frame, but of type float"),
         ({**COLUMNS, "Time [s]": TIME_S // 2}, {}, r"'Time \[s\]' does not rise from row 0 \(from"),
         ({**COLUMNS, "Current [A]": CURRENT_A * np.nan}, {}, r"'Current \[A\]' is nan in row 0 \("),
         ({"Time [s]": [0.0], "Current [A]": [1.0]}, {}, "at least two times"),
@@ -78,11 +76,6 @@ def test_a_start_of_ones_own_is_where_it_starts():
             {"Time [s]": [0.0, 1.0, 2.0], "Current [A]": [0.0, 2.0]},
             {},
             r"'Current \[A\]' has 2 values and 'Time \[s\]' has 3: row 2 \(from 0\) is incomplete",
-        ),
-        (
-            pl.DataFrame({"t / s": [0.0, 1.0], "I / A": [0.0, None]}),
-            {},
-            r"'I / A' is nan in row 1 \(from 0\)",
         ),
         (COLUMNS, {"initial_soc": 60.0}, "`initial_soc` 60.0 is not a fraction"),
         (

@@ -265,11 +265,3 @@ def test_a_record_is_identified_on_too_by_a_command_that_runs(
     plan = chosen.changed(barnax.Window(**common), **given)
     result, run = Result.from_json(golden.RESULT), Output().begun("out")
     assert command._next(result, run, plan, None) == (step.advice, shown)
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("without_figures")
-def test_the_plan_of_the_bundled_cell_repeats_its_run(run, finished):
-    assert run("identify", finished.folder / "plan.toml", "--out", "again").status == 0
-    again = Path("again/result.json").read_bytes()
-    assert again == (finished.folder / "result.json").read_bytes()

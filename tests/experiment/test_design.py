@@ -16,7 +16,7 @@ from barnax.errors import InputError
 from barnax.experiment import Block
 from barnax.experiment.belief import believed_of_chemistry
 from barnax.experiment.information import Seconds, columns_along, information_of, widths_of
-from barnax.experiment.protocol import hppc_steps, sampled, voltage_along
+from barnax.experiment.protocol import sampled, voltage_along
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
 from barnax.over_soc.intervals import linearized
@@ -117,30 +117,6 @@ def test_the_error_on_a_drive_is_that_of_fits_to_cells_that_are_no_circuits(beli
         fitted = inverse @ (on_test[:, :count].T @ (on_test @ cell))
         squares.append(np.mean((on_drive @ cell - on_drive[:, :count] @ fitted) ** 2))
     assert left_v == pytest.approx(np.sqrt(np.mean(squares)), rel=0.1)
-
-
-def test_other_currents_than_were_fitted_leave_more(believed):
-    quiet = replace(believed, error=replace(believed.error, noise=()))
-    current_a = np.repeat([0.0, 2.0, 0.0, -1.0], 300)
-    columns, _ = columns_along(quiet, current_a, 0.6)
-    found = information_of(quiet, columns)
-    inverse = found.inverse(quiet)
-    own_v = found.left_on(quiet, inverse, found.normal / found.samples)
-    harder, _ = columns_along(quiet, 2 * current_a, 0.6)
-    other_v = found.left_on(quiet, inverse, harder.T @ harder / len(harder))
-    # Twice the current is four times as much that changes with it, and none of it was fitted.
-    assert other_v > 2.5 * own_v
-
-
-def test_currents_twice_as_large_halve_the_widths_of_resistances(believed):
-    halves = []
-    for scale in (1.0, 2.0):
-        steps = hppc_steps(2.0, 1.0, 1.0)[1:60]
-        current_a = scale * sampled([replace(each, duration_s=20.0) for each in steps])
-        columns, _ = columns_along(believed, current_a, 0.6)
-        widths = widths_of(believed, information_of(believed, columns))
-        halves.append(min(each.alone for each in widths if each.name == "R0 [Ohm]"))
-    assert halves[1] == pytest.approx(halves[0] / 2, rel=0.2)
 
 
 def test_a_design_keeps_its_time_and_its_limits(pulsed):

@@ -51,20 +51,12 @@ def test_compact_dates_are_dates_and_no_numbers(dates, kind):
     ("name", "factor", "unit"),
     [
         ("age [h]", 1 / 24, "day"),
-        ("age_hours", 1 / 24, "day"),
         ("age (s)", 1 / 86_400, "day"),
-        ("age / d", 1.0, "day"),
         ("age", 1.0, "day"),
-        ("age_months", 1.0, "month"),
-        ("year", 1.0, "year"),
         ("ncycles", 1.0, "cycle"),
         ("throughput [A.h]", 1.0, "A.h"),
-        ("moved_ah", 1.0, "A.h"),
         ("throughput [mAh]", 1e-3, "A.h"),
-        ("moved_kah", 1e3, "A.h"),
         ("age_yrs", 1.0, "year"),
-        ("Age (wks)", 1.0, "week"),
-        ("age [mins]", 1 / 1440, "day"),
         # A zone of dates is no unit, and a word without one of days.
         ("date (utc)", 1.0, "day"),
         ("storage date", 1.0, "day"),
@@ -79,15 +71,12 @@ def test_a_unit_in_the_name_counts(name, factor, unit):
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        (["2024-01-15", "15.02.2024"], "row 2 is '15.02.2024'; give a number"),
         (["2024-01-15", "12.5"], "row 2 is '12.5'; give a number in every row, or a date"),
         ([2020.5, 2021.0], "2020.5 may be a year or a day"),
         ([20240115, 20240231], "row 2 is '2024-02-31'"),
         ([float("nan"), None], "no row has a finite age"),
-        (["0", "24", "x"], "row 3 is 'x'; give a number"),
         ([20240115, 20240301, 0], "row 2 is 20240301, which is neither"),
         ([1.7e9, 0.0, 1.7e9 + 86_400], "row 3 is 1700086400, which is neither"),
-        ([202401, 202412], "row 2 is 202412, which is neither"),
         # They are no milliseconds since 1970, which would be in the year 2611.
         ([20240115120000, 20240116120000], "row 2 is 2.02401161.*, which is neither"),
         ([None, datetime.timedelta(days=3)], "row 2 is '3 days.*'; give a number in every row"),

@@ -5,21 +5,11 @@ import jax.numpy as jnp
 import jax.random as jr
 import numpy as np
 import pytest
-import scipy.stats
 
 from barnax.optimizers import draws
 from barnax.optimizers.draws import levy_step, written_out
 
 tent_map = jax.jit(draws.tent_map, static_argnums=(1, 2, 3, 4))
-
-
-def test_the_tent_map_branching_on_the_state_is_uniform():
-    with jax.enable_x64(True):
-        values = np.asarray(tent_map(jr.key(0), 2000, 30, "state", float))
-    assert values.min() >= 0
-    assert values.max() <= 1
-    # One column holds independent values, so the test of Kolmogorov and Smirnov applies to it.
-    assert scipy.stats.kstest(values[:, 29], "uniform").pvalue > 0.01
 
 
 def test_the_tent_map_branching_at_random_leaves_the_unit_interval():

@@ -14,15 +14,12 @@ from barnax.optimizers import (
     Box,
     CoevolvingSwarm,
     Ecosystem,
-    GreyWolf,
     ImprovedGreyWolf,
     MixedSwarm,
     ParticleSwarm,
     SailfishSearch,
-    SeagullSearch,
     SunflowerSearch,
     Swarm,
-    WhaleSearch,
 )
 from barnax.optimizers.leaders import (
     learn_from_neighbors,
@@ -271,32 +268,3 @@ def test_a_sailfish_takes_the_place_of_a_fitter_sardine():
     np.testing.assert_array_equal(after.losses, [1, 6, 4, 4, 7, 9])
     np.testing.assert_array_equal(after.positions[:, 0], [2, 2, 3, 3, 2, 2])
     assert after.memory.losses == 1
-
-
-def test_an_old_positional_option_of_a_swarm_is_what_it_was_or_is_refused():
-    assert CoevolvingSwarm(30, 500, 4).groups == 4
-    mixed = MixedSwarm(30, 500, 0.3, 0.6)
-    assert (mixed.explorers, mixed.exploring_inertia) == (0.3, 0.6)
-    for kind, kept in ((ParticleSwarm, ()), (CoevolvingSwarm, (4,)), (MixedSwarm, (0.3, 0.6))):
-        with pytest.raises(TypeError, match="positional argument"):
-            kind(30, 500, *kept, 0.9)
-
-
-@pytest.mark.parametrize(
-    ("default", "option"),
-    [
-        (ParticleSwarm(), ParticleSwarm(velocity_limit=0.1)),
-        pytest.param(GreyWolf(), GreyWolf(demote_leaders=True), marks=pytest.mark.slow),
-        pytest.param(WhaleSearch(), WhaleSearch(one_random_whale=True), marks=pytest.mark.slow),
-        pytest.param(SeagullSearch(), SeagullSearch(spiral_attack=True), marks=pytest.mark.slow),
-    ],
-    ids=lambda solver: type(solver).__name__,
-)
-def test_each_documented_option_changes_a_generation(default, option):
-    swarms = []
-    for solver in (default, option):
-        swarm, drawn = prepared(solver)
-        positions, memory = proposed(solver, drawn, swarm)
-        offspring = Swarm(positions, np.sum(positions, axis=1), memory)
-        swarms.append(survived(solver, swarm, offspring))
-    assert not eqx.tree_equal(*swarms)

@@ -22,7 +22,6 @@ from barnax.over_soc.intervals import intervals_of
 from barnax.over_soc.problem import reduced_objective
 from barnax.over_soc.settings import TableSettings
 from helpers.known_cell import FEW_NODES, R0_OHM, SMALL, TAU_S, cell_with_ocv, made, ocv_v
-from helpers.reference import make_record
 
 BETA, REFERENCE_DEGC = 0.06, 10.0
 
@@ -272,11 +271,3 @@ def test_between_two_temperatures_what_is_followed_changes_without_a_jump():
     assert one_way.charge_ratio == pytest.approx(1.2)
     assert half.beta_per_k == pytest.approx(cold.beta_per_k / 2)
     assert alone.at(39.999).dependence.beta_per_k == pytest.approx(0.0, abs=1e-5)
-
-
-def test_a_record_without_current_heats_nothing():
-    record = make_record(np.arange(5.0), np.zeros(5))
-    factor = Dependence(kappa_per_a2=0.1, heating_tau_s=100.0).factor(
-        record.time_s, record.interval_current_a, None
-    )
-    assert factor.tolist() == [1.0] * 5

@@ -234,13 +234,11 @@ def test_a_file_of_the_name_that_is_not_the_planned_one_is_not_taken(tmp_path, m
         ("capacity = ", r"cannot be read as a plan in TOML \(error at its end\)"),
         ("\ncapacity = x\n", r"\(error at line 2, column 12\)"),
         ("model = '2rc'\n", "plan.toml: model '2rc' is not known; there are iso-rc, so-rc"),
-        ("method = 'varpro'\n", "plan.toml: method 'varpro' is not known; there are ibmo"),
         ("ocv_fit = 'spline'\n", "ocv_fit is 'spline'; give 'polynomial' or 'interp"),
         ("capacity = 'x'\n", "plan.toml: capacity is 'x'; give a valid number"),
         ("colour = 1\n", "'colour' is not a key of a plan"),
         ("command = 'fly'\n", "there are identify, hppc"),
         ("[[files]]\nrole = 'validation'\n", r"has no 'file'"),
-        ("[[files]]\nfile = []\nrole = 'validation'\n", r"has no 'file'"),
         ("[[files]]\nfile = 'a'\nrole = 'other'\n", "there are identification, OCV test"),
         ("[[files]]\nfile = 'a'\nrole = 'validation'\n", "no file has the role identification"),
         (

@@ -11,7 +11,7 @@ from barnax.records import read_record
 from helpers.known_cell import made
 from helpers.records import CURRENT, TIME, VOLTAGE
 
-from .test_dialects import SMALL
+SMALL = {"model": "so-rc", "seeds": 2, "population": 8, "iterations": 5, "trust": "none"}
 
 
 def charge_to_full():

@@ -7,46 +7,22 @@ import numpy as np
 import pytest
 
 from barnax import CircuitParameters, bundled_file, characterize, read_record
-from barnax.cell import CellModel, InterpolatedCurve, OcvPoint, SegmentedHysteresis
+from barnax.cell import SegmentedHysteresis
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
 from barnax.plots import plot_ocv, plot_pulses
 from barnax.plots.cell import plot_fitted_ocv
 from barnax.pulses import levels, pulses_of
 from barnax.search.evaluate import evaluate
-from helpers.results import labels, line
-
-SOC = np.linspace(0.0, 1.0, 11)
-
-
-def make_cell(has_charge: bool = True) -> CellModel:
-    """Branches 20 mV apart; without the charge branch both are the discharge."""
-    voltage_v = 3.0 + SOC
-    discharge = InterpolatedCurve.fit(SOC, voltage_v)
-    charge = InterpolatedCurve.fit(SOC, voltage_v + 0.02) if has_charge else discharge
-    points = [
-        tuple(OcvPoint(soc, float(v), "made", 2, 7200.0) for soc, v in curve.points)
-        for curve in (charge, discharge)
-    ]
-    return CellModel(
-        capacity_ah=2.0,
-        capacity_origin="given",
-        charge=charge,
-        discharge=discharge,
-        hysteresis=SegmentedHysteresis.fit(SOC, np.full(11, 0.02))
-        if has_charge
-        else SegmentedHysteresis.zero(),
-        charge_points=points[0] if has_charge else (),
-        discharge_points=points[1],
-        errors={},
-    )
+from helpers.results import labels, line, make_cell
 
 
 def test_the_symbols_are_the_measured_points():
-    axes = plot_ocv(make_cell()).axes[0]
-    np.testing.assert_allclose(line(axes, "discharge points").get_xdata(), SOC)
-    np.testing.assert_allclose(line(axes, "discharge points").get_ydata(), 3.0 + SOC)
-    np.testing.assert_allclose(line(axes, "charge points").get_ydata(), 3.02 + SOC)
+    cell = make_cell()
+    axes = plot_ocv(cell).axes[0]
+    for name, points in (("discharge", cell.discharge_points), ("charge", cell.charge_points)):
+        drawn = line(axes, f"{name} points").get_xydata()
+        np.testing.assert_allclose(drawn, [(point.soc, point.voltage_v) for point in points])
 
 
 def test_the_residuals_are_point_minus_curve_in_millivolt(bundled_cell):
@@ -57,10 +33,11 @@ def test_the_residuals_are_point_minus_curve_in_millivolt(bundled_cell):
 
 
 def test_an_ocv_of_the_records_own_is_a_line_with_intervals_and_no_points():
-    made = make_cell(has_charge=False)
-    points = tuple(replace(point, row=0, rest_s=0.0) for point in made.discharge_points)
-    own = replace(made, discharge_points=points)
-    nodes = [SimpleNamespace(soc=soc, low=2.9 + soc, high=3.1 + soc) for soc in SOC]
+    cell = make_cell()
+    points = tuple(replace(point, row=0, rest_s=0.0) for point in cell.discharge_points)
+    none = {"charge": cell.discharge, "hysteresis": SegmentedHysteresis.zero()}
+    own = replace(cell, **none, charge_points=(), discharge_points=points)
+    nodes = [SimpleNamespace(soc=each.soc, low=2.9, high=each.voltage_v + 0.1) for each in points]
     for figure, told in (
         (plot_fitted_ocv(own, nodes), ["95 % interval", "identified from the record"]),
         (plot_ocv(own), ["identified from the record"]),
@@ -79,24 +56,12 @@ def evaluation():
     return evaluate(prepare_record(record, cell, "so-rc", window), circuit)
 
 
-@pytest.fixture(scope="module")
-def pulses(evaluation):
-    return pulses_of(evaluation.prepared)
-
-
-def test_every_direction_and_rate_has_a_panel(evaluation, pulses):
-    figure = plot_pulses(evaluation, pulses)
-    titles = [axes.get_title(loc="left") for axes in figure.axes[:4]]
-    assert [title.split(" (")[0] for title in titles] == [
-        "discharge at 1C",
-        "discharge at 2C",
-        "charge at 0.76C",
-        "charge at 1.5C",
-    ]
-
-
-def test_a_pulse_is_drawn_measured_and_simulated_up_to_its_end(evaluation, pulses):
-    axes = plot_pulses(evaluation, pulses).axes[0]
+def test_every_rate_has_a_panel_of_pulses_measured_and_simulated_up_to_their_ends(evaluation):
+    pulses = pulses_of(evaluation.prepared)
+    axes, *others = plot_pulses(evaluation, pulses).axes
+    titles = [each.get_title(loc="left").split(" (")[0] for each in (axes, *others[:3])]
+    rates = "discharge at 1C", "discharge at 2C", "charge at 0.76C", "charge at 1.5C"
+    assert titles == [*rates]
     first = levels(pulses)[0]
     lines = [each for each in axes.get_lines() if len(each.get_xdata()) > 1]
     assert len(lines) == 2 * len(first)

@@ -7,30 +7,10 @@ import matplotlib
 import numpy as np
 import pytest
 from matplotlib import pyplot
-from matplotlib.figure import Figure
 
-from barnax import bundled_file, characterize, plots, read_record
+from barnax import plots
 from barnax.plots import encode
-from barnax.results import Result
-from helpers.golden import RESULT
 from helpers.results import make_evaluation, make_record
-
-
-def make_all_figures() -> dict[str, Figure]:
-    tests = [read_record(bundled_file(name)) for name in ("ocv_charge", "ocv_discharge")]
-    cell = characterize(tests)
-    scored = np.arange(600) >= 100
-    evaluation = make_evaluation(make_record(600), scored)
-    return {
-        "voltage": plots.plot_voltage(evaluation),
-        "error": plots.plot_error(evaluation),
-        "ocv": plots.plot_ocv(cell),
-        "voltages": plots.plot_voltage({"a": evaluation, "b": evaluation}),
-        "errors": plots.plot_error({"a": evaluation, "b": evaluation}),
-    }
-
-
-NAMES = ("voltage", "error", "ocv", "voltages", "errors")
 
 
 @pytest.fixture(scope="module")
@@ -39,23 +19,19 @@ def settings():
 
 
 @pytest.fixture(scope="module")
-def figures(settings):
-    return make_all_figures()
+def figures(settings, bundled_cell):
+    evaluation = make_evaluation(make_record(600), np.arange(600) >= 100)
+    several = {"a": evaluation, "b": evaluation}
+    drawn = [plot(given) for plot in (plots.plot_voltage, plots.plot_error)
+             for given in (evaluation, several)]  # fmt: skip
+    return [*drawn, plots.plot_ocv(bundled_cell)]
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_every_axis_label_ends_in_or_holds_a_unit(figures, name):
-    for axes in figures[name].axes:
-        labels = [axes.get_xlabel(), axes.get_ylabel()]
-        shown = [label for label in labels if label]
+def test_every_axis_label_ends_in_or_holds_a_unit(figures):
+    for axes in (axes for figure in figures for axes in figure.axes):
+        shown = [label for label in (axes.get_xlabel(), axes.get_ylabel()) if label]
         assert shown or axes.get_shared_x_axes().get_siblings(axes)
         assert all(re.search(r"\[(V|mV|A|s|h|%|-|mOhm|1/SOC)\]", label) for label in shown)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_figures_can_be_written_without_a_warning(figures, name):
-    # Commands write SVG wherever they draw.
-    assert len(encode(figures[name], "pdf")) > 1000
 
 
 def test_drawing_leaves_pyplot_and_the_global_style_as_they_were(settings, figures):
@@ -76,18 +52,3 @@ def test_the_style_of_the_session_does_not_show():
     figure.savefig(file, format="raw", dpi=40)
     assert file.getvalue() == plain.getvalue()
     assert svg == plain_svg
-
-
-def test_what_is_stored_is_drawn_from_its_file_too(tmp_path):
-    stored = Result.from_json(RESULT)
-    path = tmp_path / "stored.json"
-    path.write_text(stored.to_json())
-    drawn = [
-        [
-            one.get_xydata().tolist()
-            for axes in plots.plot_ocv(source).axes
-            for one in axes.get_lines()
-        ]
-        for source in (stored, path, str(path))
-    ]
-    assert drawn[0] == drawn[1] == drawn[2]

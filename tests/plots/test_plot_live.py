@@ -5,7 +5,7 @@ import base64
 import numpy as np
 import pytest
 
-from barnax.plots.voltage import MAX_NUMBERS, live_record
+from barnax.plots.voltage import live_record
 from helpers.results import make_evaluation, make_record
 
 
@@ -63,7 +63,3 @@ def test_of_a_long_record_no_peak_is_lost():
             here = (held[0] >= time_s[0] - 2) & (held[0] <= time_s[-1] + 2)
             assert kept[here].max() >= own[inside].max() - 1e-3
             assert kept[here].min() <= own[inside].min() + 1e-3
-
-
-def test_all_records_together_stay_under_three_megabytes():
-    assert MAX_NUMBERS * 4 * 4 / 3 < 3e6

@@ -28,14 +28,6 @@ def make_rows(*sizes_v, samples=600, scored=None):
     }
 
 
-def test_the_lines_are_the_measured_and_the_simulated_voltage():
-    evaluation = make_evaluation(make_record(600))
-    measured, simulated = plot_voltage(evaluation).axes[0].get_lines()
-    np.testing.assert_array_equal(measured.get_xdata(), evaluation.prepared.time_s)
-    np.testing.assert_array_equal(measured.get_ydata(), evaluation.prepared.voltage_v)
-    np.testing.assert_array_equal(simulated.get_ydata(), evaluation.simulated_v)
-
-
 def test_the_magnified_stretch_is_a_part_of_the_record_on_the_same_clock():
     evaluation = make_evaluation(make_record(9000))
     figure = plot_voltage(evaluation)
@@ -84,13 +76,6 @@ def test_rows_on_different_samples_are_refused(plot):
         plot(rows)
     with pytest.raises(ValueError, match="no row"):
         plot({})
-
-
-def test_the_line_is_the_error_in_millivolt():
-    evaluation = make_evaluation(make_record(600))
-    drawn = line(plot_error(evaluation).axes[0], "scored error")
-    np.testing.assert_array_equal(drawn.get_xdata(), evaluation.prepared.time_s)
-    np.testing.assert_array_equal(drawn.get_ydata(), 1e3 * evaluation.error_v)
 
 
 def test_scored_and_unscored_samples_together_are_all_samples(scored):

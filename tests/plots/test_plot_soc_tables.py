@@ -17,13 +17,6 @@ from helpers.results import NODES, TABLE_OHM, line, make_fit
 SOCS = (0.1, 0.5, 0.9)
 
 
-def test_there_is_a_panel_for_every_table_with_its_unit():
-    figure = plot_tables(make_fit())
-    labels = [axes.get_ylabel() for axes in figure.axes]
-    assert labels == ["R0 [mOhm]", "R1 [mOhm]", "R2 [mOhm]", "OCV correction [mV]"]
-    assert figure.axes[1].get_title(loc="left") == "tau1 = 9 s"
-
-
 def test_an_ocv_of_the_records_own_has_a_panel_too():
     fit = make_fit()
     own = [NodeInterval(OCV, soc, 3.0 + soc, 0.01, 0.0, 2.9 + soc, 3.1 + soc) for soc in SOCS]

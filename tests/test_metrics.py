@@ -32,12 +32,6 @@ def test_every_metric_is_that_of_its_definition():
     )
 
 
-def test_a_perfect_simulation_has_no_error():
-    metrics = measure(MEASURED, MEASURED)
-    assert (metrics.rmse_v, metrics.ce_v, metrics.max_v, metrics.mape_percent) == (0, 0, 0, 0)
-    assert metrics.r2 == metrics.r2_paper == 1
-
-
 @given(VOLTAGES, VOLTAGES)
 def test_the_papers_denominator_is_larger_by_the_squared_bias(measured_v, simulated_v):
     # Variance plus bias^2, so the printed R2 is never the smaller of the two.
@@ -49,13 +43,6 @@ def test_the_papers_denominator_is_larger_by_the_squared_bias(measured_v, simula
         assert metrics.r2 == pytest.approx(1 - squares / spread, rel=1e-6, abs=1e-9)
         assert metrics.r2_paper == pytest.approx(1 - squares / biased, rel=1e-6, abs=1e-9)
         assert metrics.r2_paper >= metrics.r2 - 1e-12
-
-
-@given(VOLTAGES, VOLTAGES)
-def test_no_mean_exceeds_the_maximum(measured_v, simulated_v):
-    metrics = measure(measured_v, simulated_v)
-    assert metrics.ce_v / 20 <= metrics.rmse_v * (1 + 1e-9) + 1e-15
-    assert metrics.rmse_v <= metrics.max_v * (1 + 1e-9)
 
 
 def test_different_lengths_are_refused_with_both_shapes():

@@ -16,7 +16,7 @@ from barnax.model.window import Window
 from barnax.notices import Notice
 from barnax.results import Result
 from helpers import known_cell
-from helpers.reference import filtered_response, make_record
+from helpers.problems import simulated_record
 
 SHORT = Window(score_to_s=1500.0)
 # The search that tests of the command compile too.
@@ -202,35 +202,18 @@ def test_a_notebook_shows_names_as_names(few):
     assert "&lt;script&gt;" in changed._repr_html_()
 
 
-TRUTH = {"R0 [Ohm]": 0.050, "R1 [Ohm]": 0.020, "tau1 [s]": 30.0, "R2 [Ohm]": 0.015, "tau2 [s]": 400}
+R0_OHM, R_OHM, TAU_S = 0.050, (0.020, 0.015), (30.0, 400.0)
 
 
 @pytest.fixture(scope="module")
 def cut_record(bundled_cell):
     """A record that begins at rest in the middle of a discharge, with half a millivolt of noise."""
     time_s = np.arange(0.0, 4000.0, 2.0)
-    rng = np.random.default_rng(0)
-    levels = rng.choice([0.0, 0.5, 1.0, 2.0, -1.0], size=len(time_s) // 50)
-    current_a = np.repeat(levels, 50)
-    # It rests first, and was discharged before.
-    current_a[:400] = 0.0
-    passed_ah = np.append(0.0, np.cumsum(current_a[:-1] * np.diff(time_s))) / 3600
+    levels = np.random.default_rng(0).choice([0.0, 0.5, 1.0, 2.0, -1.0], size=len(time_s) // 50)
+    levels[:8] = 0.0
     # The discharge branch as it was fitted is there where the hysteresis puts it.
-    soc = 0.592 - passed_ah / bundled_cell.capacity_ah
-    last, signs = -1.0, []
-    for each in current_a:
-        last = last if each == 0 else -np.sign(each)
-        signs.append(last)
-    drop_v = TRUTH["R0 [Ohm]"] * current_a
-    for pair in (1, 2):
-        drop_v = drop_v + TRUTH[f"R{pair} [Ohm]"] * filtered_response(
-            2.0, current_a, TRUTH[f"tau{pair} [s]"]
-        )
-    source_v = (
-        bundled_cell.average_ocv_v(soc) + np.array(signs) * bundled_cell.hysteresis_v(soc) / 2
-    )
-    voltage_v = source_v - drop_v + 5e-4 * rng.standard_normal(len(time_s))
-    return make_record(time_s, current_a, voltage_v, name="cut.csv")
+    given = {"circuit": (R0_OHM, R_OHM, TAU_S), "noise_v": 5e-4, "name": "cut.csv"}
+    return simulated_record(bundled_cell, time_s, np.repeat(levels, 50), 0.592, -1.0, **given)
 
 
 def test_an_open_direction_is_tried_both_ways_and_told(cut_record):
@@ -238,8 +221,8 @@ def test_an_open_direction_is_tried_both_ways_and_told(cut_record):
     assert (result.start.direction, result.start.direction_source) == (-1, "better fit")
     assert result.start.other_rmse_v > 2 * result.metrics.identification.rmse_v
     found = result.constant.parameters
-    assert found.r0 == pytest.approx(TRUTH["R0 [Ohm]"], rel=0.02)
-    assert found.r == pytest.approx((TRUTH["R1 [Ohm]"], TRUTH["R2 [Ohm]"]), rel=0.02)
+    assert found.r0 == pytest.approx(R0_OHM, rel=0.02)
+    assert found.r == pytest.approx(R_OHM, rel=0.02)
     shown = result._repr_html_()
     assert "the cell was last discharged before cut.csv" in shown
     assert result.metrics.identification.rmse_v == pytest.approx(5e-4, rel=0.1)

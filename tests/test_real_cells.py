@@ -13,6 +13,7 @@ from barnax.cell import characterize
 from barnax.model.problem import make_problem
 from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
+from barnax.pipeline import identify
 from barnax.records import read_record
 from barnax.search.evaluate import evaluate, validate
 from barnax.search.refine import refine
@@ -240,6 +241,21 @@ def test_the_lfp_cell_runs_from_files_of_opposite_signs(real_data, circuit):
     # Hysteresis and relaxation of this cell are some tens of millivolts.
     assert refinement.rmse_v < 20e-3
     assert evaluation.metrics.r2 > 0.9
+
+
+@pytest.mark.slow
+def test_a_drive_and_a_charge_of_the_lfp_cell_have_the_r0_of_their_steps(real_data):
+    """Once constants of 21 mV were taken, with an R0 of 5.7 mOhm."""
+    folder = real_data / "plett-a123-26650"
+    drive, charge = (folder / f"dyn-s{part}_25degC.parquet" for part in (1, 3))
+    ocv = [folder / f"ocv-s{part}_25degC.parquet" for part in (1, 3)]
+    window = {drive.name: Window(score_to_s=28_300.0)}
+    both = identify([drive, charge], ocv=ocv, window=window, seeds=0, trust="none", max_boxes=0)
+    record = read_record(drive)
+    step = np.abs(np.diff(record.current_a)) > 5
+    stepped_ohm = -np.median(np.diff(record.voltage_v)[step] / np.diff(record.current_a)[step])
+    r0_ohm = both.fit.tables.at("R0 [Ohm]", np.array([0.5]))[0]
+    assert r0_ohm == pytest.approx(stepped_ohm, rel=0.05)
 
 
 @pytest.mark.slow

@@ -21,6 +21,7 @@ from barnax.reporting.first_screen import first_screen
 from barnax.reporting.terminal import to_terminal
 from barnax.results import Result
 from helpers.golden import RESULT
+from helpers.hostile import EXAMPLES, damaged, repeated
 
 DOCUMENT = json.loads(RESULT.read_text(encoding="utf-8"))
 DOCS = Path(__file__).parents[1] / "docs"
@@ -137,6 +138,22 @@ def test_a_tampered_part_is_refused_under_the_files_name(read, place, value):
     assert "result.json: not a barnax result: " in message
     assert message.endswith("give the result.json that barnax identify wrote")
     assert "\n" not in message
+
+
+@pytest.mark.parametrize("examples", EXAMPLES)
+def test_a_damaged_file_is_refused_or_gives_itself_back(read, examples):
+    def survive(content: bytes) -> None:
+        try:
+            result = read(content)
+        except InputError as problem:
+            refusal = str(problem)
+        else:
+            refusal = "result.json: "
+            assert read(result.to_json().encode()).to_json() == result.to_json()
+        assert "result.json: " in refusal
+        assert len(refusal) < 2000
+
+    repeated(examples, survive, damaged([RESULT.read_bytes()]))
 
 
 @pytest.mark.parametrize("version", [0, 8, 99])

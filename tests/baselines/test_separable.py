@@ -33,12 +33,6 @@ def test_it_meets_scipys_optimum_of_the_whole_problem(known_problem):
     assert [found.r0, *found.r, *found.tau_s] == pytest.approx([r0, r1, r2, tau1, tau2], rel=1e-4)
 
 
-def test_it_finds_a_circuit_without_noise(known_problem):
-    answer = varpro(known_problem(NOISY))
-    found = answer.parameters
-    assert [found.r0, *found.r, *found.tau_s] == pytest.approx([0.05, 0.02, 0.03, 8, 90], rel=1e-6)
-
-
 def test_it_finds_the_rate_of_a_dynamic_hysteresis(short_problem, bundled_record, bundled_cell):
     from dataclasses import replace
 

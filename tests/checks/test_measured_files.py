@@ -82,6 +82,10 @@ def test_a_dither_and_a_charge_serve_for_nothing(real_data, file, capacity_ah):
 def test_every_measured_file_is_known_for_what_it_is(checks):
     kinds = {file: outcome.traits.kind(None) for file, outcome in checks.items()}
     assert {kinds[file] for file in [*DRIVES, *RAW_DRIVES, DYNAMIC[0]]} == {"drive cycle"}
+    profile = {"start_after_step": 3, "initial_soc": 1, "score_steps": (7, 8)}
+    for file in [*DRIVES, *RAW_DRIVES]:
+        (record,) = [role for role in checks[file].roles if role.name == "identification"]
+        assert (record.is_usable, record.window.options) == (True, profile)
     assert {kinds[file] for file in [LOW_CURRENT, OCV[0], OCV[2]]} == {"slow sweep"}
     assert (kinds[INCREMENTAL], kinds[LEAVES[0]]) == ("OCV test", "pulse test")
     assert {kinds[file] for file in [*LEAVES[1:], RAW[4]]} == {"capacity test"}

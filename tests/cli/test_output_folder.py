@@ -86,15 +86,6 @@ def test_a_file_that_was_changed_since_is_the_users(old):
         require_free(old, True)
 
 
-def test_tables_of_factors_are_replaced_only_as_they_were_written(tmp_path):
-    folder = write_folder(tmp_path / "out", {"tables.csv": b"old"}, False)
-    require_free(folder, True)
-    assert write_folder(folder, {"tables.csv": b"new"}, True) == folder
-    (folder / "tables.csv").write_bytes(b"edited")
-    with pytest.raises(InputError, match=r"'tables.csv' was changed since barnax wrote it"):
-        require_free(folder, True)
-
-
 def test_factors_are_not_fitted_where_a_users_table_is_in_the_way(refuse, tmp_path):
     appear(tmp_path, {"a.factors.npz": b"", "mine/tables.csv": b"mine"})
     said = refuse("identify", "a.factors.npz", "--out", "mine", "--force")

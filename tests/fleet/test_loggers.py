@@ -1,5 +1,7 @@
 """One logger of a fleet: a sample of its files decides for all, whoever identifies which."""
 
+from dataclasses import replace
+
 import polars as pl
 import pytest
 
@@ -33,6 +35,9 @@ def sampling(cell, loggers):
 def test_every_file_of_one_logger_has_the_same_sampling(cells):
     loggers = loggers_of_fleet(cells, {})
     assert loggers == loggers_of_fleet(cells[::-1], {})
+    # Whatever else each cell asks for.
+    asking = [replace(cell, options={"seeds": k}) for k, cell in enumerate(cells)]
+    assert loggers == loggers_of_fleet(asking, {})
     assert set(loggers) == {(TIME, CURRENT, VOLTAGE)}
     assert {sampling(cell, loggers).value for cell in cells} == {"forward"}
     # By itself, a short one shows nothing but how often its load changes.

@@ -34,7 +34,9 @@ def drive_record(clock, samples, seed, hold="forward"):
     return make_record(time_s, current_a, voltage_v, hold=hold)
 
 
-def simulated_record(cell, time_s, current_a, soc, direction, **changes):
+def simulated_record(
+    cell, time_s, current_a, soc, direction, circuit=(R0_OHM, R_OHM, TAU_S), noise_v=0.0, **changes
+):
     """A record of `cell` from `soc` on, whose hysteresis follows the current's last direction."""
     time_s, current_a = np.asarray(time_s, float), np.asarray(current_a, float)
     charge_ah = np.append(0.0, np.cumsum(current_a[:-1] * np.diff(time_s))) / 3600
@@ -44,8 +46,9 @@ def simulated_record(cell, time_s, current_a, soc, direction, **changes):
         directions.append(direction)
     soc = soc - charge_ah / cell.capacity_ah
     source_v = cell.average_ocv_v(soc) + np.array(directions) * cell.hysteresis_v(soc) / 2
-    drop = drop_v(looped_response, time_s, current_a, (R0_OHM, R_OHM, TAU_S))
-    return make_record(time_s, current_a, source_v - drop, **changes)
+    drop = drop_v(looped_response, time_s, current_a, circuit)
+    noise = noise_v * np.random.default_rng(0).standard_normal(len(time_s))
+    return make_record(time_s, current_a, source_v - drop + noise, **changes)
 
 
 def other_problem(problem, circuit="so-rc", voltage_v=None, **given):

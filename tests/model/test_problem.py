@@ -13,7 +13,6 @@ from barnax.errors import InputError
 from barnax.model.coordinates import Coordinates
 from barnax.model.problem import make_problem, residuals, rmse, rmse_by_scan
 from barnax.model.window import Window
-from barnax.search.evaluate import evaluate
 from helpers.reference import drop_v, looped_response
 from helpers.scan import rc_parameters
 
@@ -42,11 +41,6 @@ def test_the_objective_is_the_rmse_of_a_plain_loop(short_problem):
     assert loss == pytest.approx(expected, rel=1e-11)
     # The residuals square to the mean square error.
     assert np.sum(errors**2) == pytest.approx(loss**2, rel=1e-12)
-
-
-def test_the_objective_is_the_rmse_that_the_report_gives(short_problem):
-    metrics = evaluate(short_problem.prepared, CIRCUIT).metrics
-    assert rmse_by_scan(short_problem, [CIRCUIT])[0] == pytest.approx(metrics.rmse_v, rel=1e-11)
 
 
 def test_unscored_samples_have_no_residual(bundled_record, bundled_cell):

@@ -118,26 +118,6 @@ def test_any_time_constants_on_any_intervals_agree_with_a_plain_loop(interval_s,
     np.testing.assert_allclose(responses, expected, rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.parametrize("clock", CLOCKS)
-def test_a_pulse_rises_and_relaxes_as_an_exponential(clock):
-    time_s, pulse_a, end = CLOCKS[clock], 3.0, 200
-    current_a = np.where(np.arange(SAMPLES) < end, pulse_a, 0.0)
-    inputs = drive_of(time_s, "forward", current_a)
-    (response,) = responses_jit(jnp.array([20.0]), inputs.held_a, inputs.intervals)
-    elapsed_s = time_s - time_s[0]
-    rising = pulse_a * -np.expm1(-np.minimum(elapsed_s, elapsed_s[end]) / 20)
-    relaxing = np.exp(-np.maximum(elapsed_s - elapsed_s[end], 0) / 20)
-    np.testing.assert_allclose(response, rising * relaxing, atol=1e-12)
-
-
-@pytest.mark.parametrize("clock", CLOCKS)
-def test_the_squared_error_is_that_of_the_scored_voltages(clock):
-    rc, inputs = rc_parameters(CIRCUIT), drive_of(CLOCKS[clock])
-    simulated_v = np.asarray(terminal_voltage_jit(rc, inputs))
-    expected = np.sum((MEASURED_V - simulated_v)[WEIGHT > 0] ** 2)
-    np.testing.assert_allclose(squared_error_jit(rc, inputs), expected, rtol=1e-12)
-
-
 @pytest.mark.parametrize("clock", ["even", "measured"])
 def test_populations_give_what_each_candidate_gives_alone(clock):
     # More than fit side by side, and a resistance that they share.

@@ -7,9 +7,6 @@ import jax
 import numpy as np
 import pytest
 
-from barnax.model.problem import make_problem
-from barnax.model.window import Window
-from barnax.optimizers import OPTIMIZERS, make_optimizer
 from barnax.search.answers import AtBound
 from barnax.search.refine import refine
 from barnax.search.seeds import search_seeds
@@ -80,20 +77,6 @@ def test_many_blocks_finish_in_the_order_of_the_seeds_and_progress_sums_to_them(
     many = search(seeds=80, progress=steps.append)
     assert len(many.seeds) == sum(steps) == 80
     assert [bits(seed) for seed in many.seeds[:8]] == [bits(seed) for seed in found.seeds]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", OPTIMIZERS)
-def test_every_optimizer_stays_in_the_box(name, bundled_record, bundled_cell):
-    window = Window(score_to_s=60.0, initial_soc=1.0)
-    problem = make_problem(bundled_record, bundled_cell, window=window)
-    ranges = problem.bounds.ranges
-    found = search_seeds(problem, make_optimizer(name, 6, 10), key=jax.random.key(3), seeds=8)
-    for seed in found.seeds:
-        values = seed.parameters.to_dict()
-        values |= dict(zip(("tau1 [s]", "tau2 [s]"), seed.parameters.tau_s, strict=True))
-        for bound, (low, high) in ranges.items():
-            assert low * (1 - 1e-12) <= values[bound] <= high * (1 + 1e-12)
 
 
 # Known circuits found again

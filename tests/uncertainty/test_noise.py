@@ -113,6 +113,8 @@ def test_a_fit_that_follows_much_of_every_burst_knows_its_noise_as_well_as_it_sc
             [each.parts_spread[:, place, place] @ each.variance_v2 for each in fits]
         )
         knows = [each.degrees_of_freedom(np.eye(24)[place]) for each in fits[:20]]
+        # No single record says that it knows next to nothing.
+        assert min(knows) > 1.0
         # Satterthwaite: a variance known to nu degrees of freedom scatters by 2 / nu.
         scatter = np.var(variance) / np.mean(variance) ** 2
         assert np.median(knows) * scatter / 2 == pytest.approx(1.0, abs=0.5)

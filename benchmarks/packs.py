@@ -39,7 +39,7 @@ def identified(cells: list[PackedCell], seed: int, own: bool = False) -> Pack:
     soc = float(np.mean([each.soc for each in cells]))
     capacity_ah = float(np.mean([each.capacity_ah for each in cells]))
     window = barnax.Window(initial_soc=soc)
-    return identify_pack(table, capacity=capacity_ah, window=window, own_time_constants=own)
+    return identify_pack(table, capacity=capacity_ah, window=window, separate_time_constants=own)
 
 
 def times() -> list[str]:

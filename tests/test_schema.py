@@ -163,7 +163,7 @@ def test_a_file_of_another_version_says_which_barnax_wrote_it(read, version):
     assert caught.value.code == "file.schema-version"
     assert str(caught.value).endswith(
         "result.json: has schema version "
-        f"{version}, written by barnax 0.1.2; this version of barnax reads schema version 9; "
+        f"{version}, written by barnax 0.1.2; this version of barnax reads schema version 10; "
         "make the file again with this version, or read it with the version that wrote it"
     )
 

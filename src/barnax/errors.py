@@ -40,12 +40,12 @@ def require_number(name: str, value: Any, hint: Any) -> None:
     kinds = {*(get_args(hint) or (hint,))} - {type(None)}
     if value is None or not kinds or not kinds <= {int, float}:
         return
-    own, kind, example = ("__float__", "number", "2.5")
+    method, kind, example = ("__float__", "number", "2.5")
     if float not in kinds:
-        own, kind, example = ("__index__", "whole number", "3")
-    if isinstance(value, float) and own == "__index__" and value.is_integer():
+        method, kind, example = ("__index__", "whole number", "3")
+    if isinstance(value, float) and method == "__index__" and value.is_integer():
         raise InputError(f"`{name}` {value!r} has a decimal point; give {int(value)}")
-    if isinstance(value, bool) or not hasattr(value, own) or getattr(value, "ndim", 0):
+    if isinstance(value, bool) or not hasattr(value, method) or getattr(value, "ndim", 0):
         raise InputError(
             f"`{name}` {value!r} is not a {kind}; give one without quotes or unit, as {example}"
         )
@@ -56,9 +56,9 @@ def require_choice(option: str, value: object, choices: Iterable[str]) -> None:
 
     >>> require_choice("chemistry", "nmc", ("nmc", "lfp"))
     """
-    known = tuple(choices)
-    if value not in known:
-        raise InputError(f"`{option}` {value!r} is not known; there are {', '.join(known)}")
+    allowed = tuple(choices)
+    if value not in allowed:
+        raise InputError(f"`{option}` {value!r} is not known; there are {', '.join(allowed)}")
 
 
 # An option in a message, with its value if it has one.
@@ -102,7 +102,7 @@ def escaped(name: str) -> str:
     >>> print(escaped("us06 (25 degC).csv"), escaped("=1*/2"))
     us06 (25 degC).csv \\u003d1\\u002a\\u002f2
     """
-    return _SPECIAL.sub(lambda found: f"\\u{ord(found[0]):04x}", name)
+    return _SPECIAL.sub(lambda match: f"\\u{ord(match[0]):04x}", name)
 
 
 def reason_of(error: BaseException) -> str:
@@ -116,8 +116,8 @@ def toml_reason(error: BaseException) -> str:
     >>> toml_reason(ValueError("Invalid value (at line 14, column 8)"))
     'error at line 14, column 8'
     """
-    found = re.search(r"\(at (?:(line \d+, column \d+)|end of document)\)", str(error))
-    return f"error at {found[1] or 'its end'}" if found else reason_of(error)
+    match = re.search(r"\(at (?:(line \d+, column \d+)|end of document)\)", str(error))
+    return f"error at {match[1] or 'its end'}" if match else reason_of(error)
 
 
 def as_keys(text: str) -> str:

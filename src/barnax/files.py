@@ -75,9 +75,9 @@ def located(where: str | Path) -> Any:
     try:
         from upath import UPath
 
-        found = UPath(where, use_listings_cache=False)
-        _ = found.fs
-        return found
+        address = UPath(where, use_listings_cache=False)
+        _ = address.fs
+        return address
     except ImportError as problem:
         raise InputError(
             f"{where}: addresses need packages that are not installed ({reason_of(problem)}); "
@@ -91,10 +91,10 @@ def fetched(address: str | Path, most_bytes: int) -> bytes:
     """The content of a file, or at an address. Raises `InputError` where it cannot be read, or is
     longer."""
     try:
-        place = located(address)
-        with place.open("rb") as file:
+        path = located(address)
+        with path.open("rb") as file:
             # A device has no size, and no end.
-            is_long = isinstance(place, Path) and os.fstat(file.fileno()).st_size > most_bytes
+            is_long = isinstance(path, Path) and os.fstat(file.fileno()).st_size > most_bytes
             content = b"" if is_long else file.read(most_bytes + 1)
     except InputError:
         raise
@@ -147,15 +147,15 @@ def restore(path: Path) -> None:
     What cannot be restored is missing to whoever looks for it.
     """
     with suppress(OSError, RuntimeError):
-        place = path.resolve()
-        while not place.parent.exists():
-            place = place.parent
-        for left in unfinished(place.parent):
-            if (left / "old" / place.name).exists():
+        path = path.resolve()
+        while not path.parent.exists():
+            path = path.parent
+        for left in unfinished(path.parent):
+            if (left / "old" / path.name).exists():
                 # A process that still writes ends first.
-                with locked(place.parent):
-                    if not os.path.lexists(place):
-                        os.replace(left / "new", place)
+                with locked(path.parent):
+                    if not os.path.lexists(path):
+                        os.replace(left / "new", path)
 
 
 @contextmanager

@@ -167,7 +167,7 @@ def make_result(
     of_answer = of_tables or constant
     metrics = part.metrics if of_tables is None else MetricsBlock.of(problem.name, of_tables)
     result = Result(
-        schema_version=9,
+        schema_version=10,
         model=of_answer.identification[0].prepared.circuit,
         metrics=metrics,
         tables=tables,
@@ -199,7 +199,7 @@ def _fitted(setup: Setup) -> TableFits:
         records = objective.prepared_records
         fit = fit_of(objective, certify(objective, setup.chosen.best))
         compared = compare_ocv(records, fit, objective.settings)
-        fits = TableFits((replace(fit, own_ocv=compared),), settings=setup.tables)
+        fits = TableFits((replace(fit, ocv_compared=compared),), settings=setup.tables)
     groups = [records]
     if fits.over_temperature is not None:
         groups = [group for _, group in sorted(group_by_temperature(records).items())]

@@ -61,7 +61,7 @@ class _Words(Formatter):
         is_any = choice not in choices or value == "none"
         words = choices["any" if is_any else choice]
         # Within the words of a value, its name is the value itself.
-        others = {key: own for key, own in self.words.items() if key not in (name, field_name)}
+        others = {key: text for key, text in self.words.items() if key not in (name, field_name)}
         return _Words(others).vformat(words, args, kwargs), field_name
 
     def format_field(self, value: Any, format_spec: str) -> str:
@@ -78,13 +78,13 @@ def kinds() -> Mapping[str, Kind]:
     """Every code that there is, in the order in which the documentation lists them."""
     rooms = tomllib.loads(CODES.read_text(encoding="utf-8"))
     shared = rooms.pop("words")
-    found: dict[str, Kind] = {}
-    for room, own in rooms.items():
-        for name, given in own.items():
+    by_code: dict[str, Kind] = {}
+    for room, codes in rooms.items():
+        for name, given in codes.items():
             code = f"{room}.{name}"
-            told: dict[str, Any] = {**given, "words": {**shared, **given.get("words", {})}}
-            found[code] = Kind(code, **told)
-    return found
+            fields: dict[str, Any] = {**given, "words": {**shared, **given.get("words", {})}}
+            by_code[code] = Kind(code, **fields)
+    return by_code
 
 
 @dataclass(frozen=True, repr=False)
@@ -198,20 +198,20 @@ def sentences_of(notices: Iterable[Any]) -> list[str]:
     'a, b: t'
     """
     alike: dict[Any, list[Any]] = {}
-    for told in notices:
-        has_subject = isinstance(told, Notice) and told.subject
-        alike.setdefault((told.code, told.what) if has_subject else told, []).append(told)
-    found: list[str] = []
+    for notice in notices:
+        has_subject = isinstance(notice, Notice) and notice.subject
+        alike.setdefault((notice.code, notice.what) if has_subject else notice, []).append(notice)
+    sentences: list[str] = []
     for several in alike.values():
-        subjects = dict.fromkeys(getattr(told, "subject", "") for told in several)
+        subjects = dict.fromkeys(getattr(notice, "subject", "") for notice in several)
         if len(subjects) > 1:
             several = [replace(several[0], subject=listed(subjects), row=None, sheet=None)]
-        found += map(str, several)
-    return found
+        sentences += map(str, several)
+    return sentences
 
 
 def raise_first_error(notices: Iterable[Notice], file: str) -> None:
     """Raise InputError for the first error among the notices of a file, if there is one."""
-    for found in notices:
-        if found.severity == "error":
-            raise found.about(file).error(".")
+    for notice in notices:
+        if notice.severity == "error":
+            raise notice.about(file).error(".")

@@ -82,10 +82,10 @@ class Pack(Brief):
         for cell in self.fit.cells:
             row: dict[str, str | float | None] = {"cell": cell.name, "RMSE [V]": cell.rmse_v}
             for name in (*LOOKED_AT, LOADED, *([LAG] if LAG in cell.values else ())):
-                known = cell.values.get(name)
+                value = cell.values.get(name)
                 for end in ("value", "low", "high"):
-                    row[name if end == "value" else f"{name} {end}"] = getattr(known, end, None)
-            odd = [own.quantity for own in self.odd if own.cell == cell.name]
+                    row[name if end == "value" else f"{name} {end}"] = getattr(value, end, None)
+            odd = [outlier.quantity for outlier in self.odd if outlier.cell == cell.name]
             rows.append(row | {"odd": "; ".join(odd), "weakest": cell.name == self.weakest})
         return rows
 
@@ -103,7 +103,7 @@ class PackJob(Job):
 
     over: Literal["soc"] | None = "soc"
     cells: str | None = None
-    own_time_constants: bool = False
+    separate_time_constants: bool = False
 
 
 @takes_options(PackJob)
@@ -116,8 +116,8 @@ def identify_pack(job: PackJob) -> Pack:
     Args:
         records: The file, or a data frame.
         cells: Names of the columns of cell voltages, as patterns such as "V*"; None finds them.
-        own_time_constants: Let every cell have time constants of its own; else they have the mean
-            cell's.
+        separate_time_constants: Let every cell have time constants of its own; else they have the
+            mean cell's.
 
     Raises `InputError` where the columns are not plain, and where `identify` does.
 
@@ -143,7 +143,7 @@ def identify_pack(job: PackJob) -> Pack:
     chosen |= {"records": [read.source], "over": "soc"}
     if read.scan is not None:
         chosen["voltage_lag"] = read.record.voltage_lag_s
-    of_cells = ("cells", "own_time_constants")
+    of_cells = ("cells", "separate_time_constants")
     result = identify(**{name: value for name, value in chosen.items() if name not in of_cells})
     tables = result.tables
     if tables is None:
@@ -153,7 +153,7 @@ def identify_pack(job: PackJob) -> Pack:
         raise InputError("the circuit of a pack has no dynamic hysteresis; use so-rc or iso-rc")
     rows = np.searchsorted(read.record.row, prepared.record.row[prepared.span])
     beside_v = read.beside_v[rows]
-    how = tables.settings, job.own_time_constants
+    how = tables.settings, job.separate_time_constants
     fit = fit_pack(prepared, result.circuit_parameters, beside_v, read.cells, *how)
     if read.scan is not None:
         fit = _with_lags(fit, read, read.scan)
@@ -197,15 +197,15 @@ def _with_lags(fit: PackFit, read: PackRecord, scan: Scan) -> PackFit:
 
 def odd_ones(fit: PackFit) -> list[Odd]:
     """The cells far from the others in some quantity."""
-    found = []
+    outliers = []
     for name in LOOKED_AT:
-        known = [(cell.name, cell.values[name].value) for cell in fit.cells if name in cell.values]
-        if len(known) < FEWEST:
+        values = [(cell.name, cell.values[name].value) for cell in fit.cells if name in cell.values]
+        if len(values) < FEWEST:
             continue
-        deviations = robust_deviations(np.array([value for _, value in known]))
-        found += [
+        deviations = robust_deviations(np.array([value for _, value in values]))
+        outliers += [
             Odd(cell, name, float(apart))
-            for (cell, _), apart in zip(known, deviations, strict=True)
+            for (cell, _), apart in zip(values, deviations, strict=True)
             if abs(apart) > ODD
         ]
-    return sorted(found, key=lambda outlier: -abs(outlier.deviations))
+    return sorted(outliers, key=lambda outlier: -abs(outlier.deviations))

@@ -40,7 +40,7 @@ from .run_setup import (
     Setup,
     asks_for_constant,
     bounded_tables,
-    own_ocv_of,
+    fitted_ocv_of,
     problem_of,
     set_up,
     settled,
@@ -82,7 +82,7 @@ def identify(job: Job) -> Result:
 def _identified(job: Job, of_plan: Sequence[Notice] = ()) -> Result:
     """The same, where every file has its role."""
     optimizer = make_optimizer(job.method, job.population, job.iterations)
-    inputs = read_inputs(job, own_ocv_of)
+    inputs = read_inputs(job, fitted_ocv_of)
     of_ocv = () if inputs.fitted_ocv is None else inputs.fitted_ocv.warnings
     inputs = replace(inputs, warnings=(*of_plan, *inputs.warnings, *of_ocv))
     with telling(inputs.warnings), job.watch("Choosing the circuit", 0):
@@ -135,7 +135,7 @@ def _with_fitted_ocv(
         return sampled, windows, first
     # The capacity stays that of the first fit.
     cell = inputs.cell
-    fitted = own_ocv_of(job.changed(capacity=cell.capacity_ah), sampled.records)
+    fitted = fitted_ocv_of(job.changed(capacity=cell.capacity_ah), sampled.records)
     cell = replace(fitted.cell, capacity_origin=cell.capacity_origin)
     return _with_fitted_ocv(job, replace(sampled, cell=cell, fitted_ocv=fitted), is_last=True)
 
@@ -209,7 +209,7 @@ def _as_counted(
         return inputs
     counted_ah = [windows[name].capacity_ah or 0.0 for name in names]
     pairs = zip(counted_ah, by_test, strict=True)
-    share = sum(own_ah / level.told_capacity_ah for own_ah, level in pairs) / len(names)
+    share = sum(own_ah / level.given_capacity_ah for own_ah, level in pairs) / len(names)
 
     def counted(cell: CellModel) -> CellModel:
         return replace(

@@ -254,7 +254,7 @@ class InputPart(Part):
     def start_source(self) -> str:
         """What told the SOC at its start, before it was registered; empty of an OCV test."""
         if self.window and (registration := self.window.registration):
-            return registration.origin.told_source
+            return registration.origin.given_source
         return self.start.soc_source if self.start else ""
 
     @property
@@ -263,7 +263,7 @@ class InputPart(Part):
         moved it."""
         registration = self.window and self.window.registration
         is_moved = registration and registration.by == "records"
-        return registration.told_capacity_ah if registration and is_moved else self.capacity_ah
+        return registration.given_capacity_ah if registration and is_moved else self.capacity_ah
 
     def is_at(self, temperature_degc: float) -> bool:
         """True for a record of this temperature, as far as one is told from another."""

@@ -69,7 +69,7 @@ class Result(Document):
     barnax.errors.InputError: missing.json: cannot be read (No such file or directory); ...
     """
 
-    schema_version: Literal[9]
+    schema_version: Literal[10]
     model: CircuitName
     metrics: MetricsBlock
     candidates: tuple[Candidate, ...] = ()

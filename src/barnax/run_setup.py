@@ -74,7 +74,7 @@ def with_joint_starts(problem: Problem) -> Problem:
         step, error = float(joint.nuisances_step[0]), float(joint.nuisances_error[0])
         away_soc = problem.prepared.start.soc + sd * step - given.soc
         move = away_soc, 0.0, sd * error, 0.0
-        moved = with_start(first, first, *move, by="circuit", told_sd=sd)
+        moved = with_start(first, first, *move, by="circuit", given_sd=sd)
         if moved is None:
             break
         start = replace(moved.start, direction_source=given.direction_source)
@@ -219,7 +219,7 @@ def bounded_tables(job: Job, but: str | None = None) -> TableSettings:
 
 
 @in_float64
-def own_ocv_of(job: Job, records: Sequence[Record]) -> FittedOcv:
+def fitted_ocv_of(job: Job, records: Sequence[Record]) -> FittedOcv:
     """The cell of records that have no OCV test, with their tables, or one value at every SOC.
 
     Raises `InputError` where what is asked for needs a test.

@@ -102,11 +102,11 @@ Parameters = dict[str, float]
 Json = dict[str, Any]
 
 
-def notice_to_dict(told: Notice) -> Json:
+def notice_to_dict(notice: Notice) -> Json:
     """A notice as plain values, units in the keys, with its words."""
-    stored = {name: getattr(told, name) for name in StoredNotice.model_fields}
-    values = {key_of(name): value for name, value in told.values.items()}
-    return stored | {"values": values, "remedy": told.remedy or None}
+    stored = {name: getattr(notice, name) for name in StoredNotice.model_fields}
+    values = {key_of(name): value for name, value in notice.values.items()}
+    return stored | {"values": values, "remedy": notice.remedy or None}
 
 
 class Part(BaseModel):
@@ -210,12 +210,12 @@ def _notice_of(stored: Any, read: Callable[[Any], StoredNotice]) -> Notice:
     values = {_LABEL.sub(_named, key): value for key, value in part.values.items()}
     where = part.subject, part.row, part.severity, part.sheet
     try:
-        known = Notice(part.code, values, *where)
+        notice = Notice(part.code, values, *where)
     except (KeyError, TypeError, ValueError, OverflowError):
         # Of another version of barnax, or of nobody's: its words are taken as they are.
         text = "; ".join(filter(None, (part.what, part.remedy)))
         return Notice("stored.text", {"text": text}, *where)
-    return known
+    return notice
 
 
 def _named(label: re.Match[str]) -> str:
@@ -237,5 +237,5 @@ def _reason(problem: ValidationError | InputError) -> str:
     if isinstance(problem, InputError):
         return str(problem)
     first = problem.errors(include_url=False, include_input=False)[0]
-    place = ".".join(str(step) for step in first["loc"]) or "the file"
-    return f"{cut(place, 200)}: {first['msg']}"
+    field = ".".join(str(step) for step in first["loc"]) or "the file"
+    return f"{cut(field, 200)}: {first['msg']}"

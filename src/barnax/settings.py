@@ -260,12 +260,12 @@ class Registration:
     the fit of the circuit, with 95 % intervals, and what was told of them before. SOC is scaled so
     that what was told is right on average; by records, intervals are on that axis. An offset of the
     current that records share is in A, discharge positive, with its standard error; `follows` has
-    the names of a `Dependence`, and `told_sd` is the standard error of `told_soc`."""
+    the names of a `Dependence`, and `given_sd` is the standard error of `given_soc`."""
 
-    told: "Window"
-    told_soc: float
-    told_capacity_ah: float
-    told_source: Literal["given", "rested voltage"] | SocSource
+    given: "Window"
+    given_soc: float
+    given_capacity_ah: float
+    given_source: Literal["given", "rested voltage"] | SocSource
     soc_low: float
     soc_high: float
     capacity_low_ah: float
@@ -274,12 +274,12 @@ class Registration:
     offset_a: float | None = None
     offset_error_a: float | None = None
     follows: Mapping[str, float | None] | None = None
-    told_sd: float = 0.0
+    given_sd: float = 0.0
 
     @property
     def origin(self) -> "Registration":
         """That of what was told at first, where a record was registered by itself before."""
-        earlier = self.told.registration
+        earlier = self.given.registration
         return self if earlier is None else earlier.origin
 
 
@@ -323,7 +323,7 @@ class Window:
     @property
     def unregistered(self) -> "Window":
         """The same with start and capacity as they were told, before any registration."""
-        return self if self.registration is None else self.registration.origin.told
+        return self if self.registration is None else self.registration.origin.given
 
     def __post_init__(self):
         for option, (name, *_) in WINDOW_OPTIONS.items():

@@ -208,7 +208,7 @@ def test_windows_and_capacities_of_each_record_are_followed_and_repeat(tmp_path,
     assert [each.samples for each in (first, second, third)] == [1501, 1001, 1501]
     assert second.initial_capacity_ah == 1.9
     assert first.initial_capacity_ah == third.capacity_ah == result.cell.capacity_ah
-    assert [each.window.registration.told_source for each in (first, second)] == [
+    assert [each.window.registration.given_source for each in (first, second)] == [
         "rested voltage", "rested voltage"
     ]  # fmt: skip
     assert third.start.soc_source == "given"

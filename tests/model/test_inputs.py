@@ -224,17 +224,17 @@ def test_a_given_state_of_charge_that_the_rested_voltage_denies_is_doubted(
     assert socs == [("start.other-soc", pytest.approx(0.999, abs=5e-4), 0.95)] * is_doubted
 
 
-@pytest.mark.parametrize("told_soc", [None, 0.95])
-def test_a_start_that_other_records_moved_is_doubted_as_it_was_told(bundled_cell, told_soc):
-    rested_v, told = ocv_v(bundled_cell.charge, 0.999), Window(initial_soc=told_soc)
-    known = Registration(told, told_soc or 0.999, 2.0, "rested voltage", 0.93, 0.97, 1.9, 2.1)
+@pytest.mark.parametrize("given_soc", [None, 0.95])
+def test_a_start_that_other_records_moved_is_doubted_as_it_was_told(bundled_cell, given_soc):
+    rested_v, told = ocv_v(bundled_cell.charge, 0.999), Window(initial_soc=given_soc)
+    known = Registration(told, given_soc or 0.999, 2.0, "rested voltage", 0.93, 0.97, 1.9, 2.1)
     moved = {"initial_soc": 0.951, "soc_source": "registered", "registration": known}
     # By the OCV test alone, or then by other records too.
-    again = moved | {"registration": replace(known, told=Window(**moved))}
+    again = moved | {"registration": replace(known, given=Window(**moved))}
     for window in (moved, again):
         warnings = rested_at(bundled_cell, rested_v, **window).warnings
         given = [warning.values["given_soc"] for warning in warnings]
-        assert given == [0.95] * (told_soc is not None)
+        assert given == [0.95] * (given_soc is not None)
 
 
 def test_a_start_under_load_denies_nothing(bundled_cell):

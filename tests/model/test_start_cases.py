@@ -80,7 +80,7 @@ def test_start_and_circuit_are_fitted_together():
     assert registration.by == "circuit"
     assert registration.soc_low < 0.9 < registration.soc_high
     told = prepare_record(read_record(folder / "noisy.csv"), cell_of(folder), "so-rc").start
-    assert (registration.told_soc, registration.told_sd) == (told.soc, told.soc_sd)
+    assert (registration.given_soc, registration.given_sd) == (told.soc, told.soc_sd)
 
 
 def test_intervals_hold_the_truth_with_a_start_that_noise_hides(bundled_cell):

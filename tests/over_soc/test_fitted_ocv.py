@@ -379,7 +379,7 @@ def test_what_an_ocv_test_is_worth_is_told_and_a_wrong_one_is_warned_of(known, t
     soc = np.linspace(max(visited.min(), 0.1), 0.9, 81)
     right, bad = (with_a_test(record, wrong) for wrong in (0.0, 0.1))
     for result, wrong in ((right, 0.0), (bad, 0.1)):
-        own = result.fit.own_ocv
+        own = result.fit.ocv_compared
         apart_v = np.median(np.abs(ocv_v(soc) - ocv_v(1 - (1 - wrong) * (1 - soc))))
         assert own.median_v == pytest.approx(apart_v, rel=0.1, abs=1e-3)
         codes = {each.code for each in result.warnings}
@@ -387,7 +387,7 @@ def test_what_an_ocv_test_is_worth_is_told_and_a_wrong_one_is_warned_of(known, t
     path = tmp_path / "result.json"
     path.write_text(bad.to_json())
     again = barnax.Result.from_json(path)
-    assert again.fit.own_ocv == bad.fit.own_ocv
+    assert again.fit.ocv_compared == bad.fit.ocv_compared
 
 
 @pytest.mark.slow
@@ -403,7 +403,7 @@ def test_a_record_that_is_not_suitable_cannot_speak_against_its_ocv_test(tmp_pat
     test = {"SOC": nodes, "OCV [V]": ocv_v(nodes) + 0.1 * np.sin(np.pi * nodes)}
     found = barnax.identify(tmp_path / "one.csv", ocv=test, capacity=2.0, **SMALL)
     codes = {told.code for told in found.warnings}
-    assert found.fit.own_ocv.median_v > 0.05
+    assert found.fit.ocv_compared.median_v > 0.05
     assert "role.unfit" in codes
     assert "ocv-test.disagrees" not in codes
 

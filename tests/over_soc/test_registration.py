@@ -85,7 +85,7 @@ def test_starts_and_capacities_are_found_up_to_the_axis(registered):
         # What is left open of the axis itself is no error of a start on it.
         assert known.soc_high - known.soc_low < 1e-3
         assert known.capacity_high_ah - known.capacity_low_ah < 5e-3
-        assert (known.told_soc, known.told_capacity_ah) == (1.0, 2.0)
+        assert (known.given_soc, known.given_capacity_ah) == (1.0, 2.0)
         assert each.unregistered.initial_soc == 1.0
 
 
@@ -175,7 +175,7 @@ def test_charge_that_an_ocv_test_and_a_record_do_not_share_is_found_by_its_rests
     found = register_alone(told, TableSettings())
     known = found.window.registration
     assert known.by == "OCV test"
-    assert (known.told_soc, known.told_capacity_ah) == (1.0, told.capacity_ah)
+    assert (known.given_soc, known.given_capacity_ah) == (1.0, told.capacity_ah)
     assert found.capacity_ah == pytest.approx(capacity_ah, rel=2e-3)
     assert found.start.soc == pytest.approx(1.0, abs=2e-3)
     error_v, told_v = (

@@ -223,7 +223,7 @@ def test_a_start_that_was_fitted_has_its_line_though_it_was_adjusted():
         ("rest elsewhere", "from the rested voltage 4.1785 V at row 2, and the ampere-hours since"),
     ):
         ends = {"soc_low": 0.97, "soc_high": 0.99, "capacity_low_ah": 2.0, "capacity_high_ah": 2.0}
-        by_fit = Registration(Window(), 0.992, 2.0, source, **ends, by="circuit", told_sd=0.014)
+        by_fit = Registration(Window(), 0.992, 2.0, source, **ends, by="circuit", given_sd=0.014)
         window = Window(initial_soc=0.982, soc_source="registered", registration=by_fit)
         text = " ".join(screen(changed(STORED, start=start, window=window)).split())
         said = f"identification.parquet starts at 98 % SOC, adjusted from 99 %, {line}"

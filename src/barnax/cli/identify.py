@@ -299,12 +299,12 @@ class OfPack:
     Files:
         cells ('V*'): Columns of the cell voltages, as patterns with commas between several
             (default: those that are numbered alike).
-        own_time_constants: Let every cell have its own, instead of the mean cell's.
+        separate_time_constants: Let every cell have its own, instead of the mean cell's.
     """
 
     record: Path
     cells: str | None = None
-    own_time_constants: bool = False
+    separate_time_constants: bool = False
     job: Given = options_of(*OF_FILES, *OF_RECORDS, *OF_TABLES)
 
 
@@ -320,7 +320,7 @@ def pack(on: OfPack, output: Output) -> None:
     run = output.begun("barnax-pack", [on.record, *on.job.get("ocv", ())])
     run.load_jax()
     given = {name: value for name, value in options_of_job(on.job).items() if name != "over"}
-    of_cells = {"cells": on.cells, "own_time_constants": on.own_time_constants}
+    of_cells = {"cells": on.cells, "separate_time_constants": on.separate_time_constants}
     identified = barnax.identify_pack(on.record, **of_cells, **given, watch=run.watch)
     run.show_document(reporting.fleet.pack_document(identified))
 

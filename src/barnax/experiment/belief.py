@@ -70,7 +70,7 @@ LEAST_WORST, LEAST_OCV_V = 1.15, 5e-3
 
 
 def believed_of(
-    known: Result | Believed | str | Path | None,
+    before: Result | Believed | str | Path | None,
     capacity_ah: float | None,
     chemistry: str | None = None,
     temperature_degc: float | None = None,
@@ -82,7 +82,7 @@ def believed_of(
     """
     if capacity_ah is not None and not 0 < capacity_ah < math.inf:
         raise InputError(f"`capacity` {capacity_ah:g} Ah must be positive and finite")
-    if known is None:
+    if before is None:
         if capacity_ah is None:
             raise InputError("a test needs a `capacity` in Ah, or the result of earlier records")
         if temperature_degc is not None and abs(temperature_degc - TYPICAL_DEGC) > NEAR_K:
@@ -93,24 +93,28 @@ def believed_of(
                 "and `low_voltage` for the cold cell yourself"
             )
         return believed_of_chemistry(chemistry or "nmc", capacity_ah)
-    if isinstance(known, str | Path):
-        known = Result.load(known)
-    if isinstance(known, Result):
-        known = believed_of_result(known, temperature_degc)
+    if isinstance(before, str | Path):
+        before = Result.load(before)
+    if isinstance(before, Believed):
+        believed = before
+    else:
+        believed = believed_of_result(before, temperature_degc)
     if capacity_ah is not None:
         # The largest currents are those of the records.
-        share = known.cell.capacity_ah / capacity_ah
-        if known.cell.is_of_records and abs(share - 1) > CAPACITY_WARNING:
+        share = believed.cell.capacity_ah / capacity_ah
+        if believed.cell.is_of_records and abs(share - 1) > CAPACITY_WARNING:
             raise InputError(
                 f"`capacity` {capacity_ah:g} Ah: the OCV was identified over "
-                f"{known.cell.capacity_ah:.4g} Ah ({known.cell.capacity_origin}), and would be "
-                "stretched; identify again with `capacity`, and with `initial_soc` where the "
+                f"{believed.cell.capacity_ah:.4g} Ah ({believed.cell.capacity_origin}), and would "
+                "be stretched; identify again with `capacity`, and with `initial_soc` where the "
                 "record does not start full"
             )
-        cell = replace(known.cell, capacity_ah=capacity_ah, capacity_origin=GIVEN)
-        discharge_c, charge_c = known.rates_c
-        known = replace(known, cell=cell, rates_c=(share * discharge_c, share * charge_c))
-    return known if chemistry is None or chemistry == known.typical else _going_on(known, chemistry)
+        cell = replace(believed.cell, capacity_ah=capacity_ah, capacity_origin=GIVEN)
+        discharge_c, charge_c = believed.rates_c
+        believed = replace(believed, cell=cell, rates_c=(share * discharge_c, share * charge_c))
+    if chemistry is None or chemistry == believed.typical:
+        return believed
+    return _going_on(believed, chemistry)
 
 
 def _going_on(believed: Believed, chemistry: str) -> Believed:

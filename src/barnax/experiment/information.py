@@ -92,12 +92,13 @@ class Believed:
         error: What a fit leaves.
         settings: The tables that will be fitted; an OCV of the test's own where it has `ocv_nodes`.
         earlier: Records that will be identified with the test's.
-        known: Half the 95 % intervals that they left, relative or in V, as `halves_of` has them.
+        half_widths: Half the 95 % intervals that they left, relative or in V, as `halves_of` has
+            them.
         printed: The same as they are printed, which may reach over more.
         beyond: What these reach over: both samplings of the current ("hold"), a hidden "pair".
         follows: What the resistances follow beside SOC, which a design leaves out.
         ocv_reach_v: How far the OCV may be from the cell's.
-        told_soc: From where to where the OCV is told.
+        given_soc: From where to where the OCV is told.
         typical: The chemistry whose OCV goes on beyond, up to `typical_reach_v` farther off.
         start_v: The OCV that brings a cell to the highest SOC where nothing shows what is full.
         start_reach_soc: How far off that may be.
@@ -385,8 +386,8 @@ def _halves(believed: Believed, fit: Information) -> dict[Name, float]:
     resistances = np.where(believed.are_resistances, believed.values, 0.0)
     smoothed = (smooth - light) @ (fit.of_unknowns @ resistances)
     moved, is_seen = np.zeros(len(errors)), np.diag(fit.of_unknowns) > 0
-    for name, places in believed.tables_of_names.items():
-        seen = np.arange(places.start, places.stop)[is_seen[places]]
+    for name, rows in believed.tables_of_names.items():
+        seen = np.arange(rows.start, rows.stop)[is_seen[rows]]
         if name.startswith("R") and len(seen):
             nodes = np.array([soc for _, soc in believed.names])[seen].astype(float)
             sag = sag_of(nodes, believed.values[seen])

@@ -298,8 +298,8 @@ def wishes_of(
         for index, (name, soc) in enumerate(believed.names)
         if is_within(soc, wanted_soc) and short(name) in wanted
     }
-    places = {DRIVE, *(short(believed.names[index][0]) for index in wished)}
-    if lacking := [name for name in wanted if name not in places]:
+    reached = {DRIVE, *(short(believed.names[index][0]) for index in wished)}
+    if lacking := [name for name in wanted if name not in reached]:
         low, high = (100 * soc for soc in wanted_soc)
         raise InputError(
             f"`want` {', '.join(lacking)}: no node lies from {low:.0f} to {high:.0f} % SOC, where "
@@ -332,8 +332,8 @@ def _already(
 ) -> tuple[str, ...]:
     """What the earlier records tell as well as is wanted wherever it is wanted, as a design counts
     them and by the standard errors of their own fit."""
-    known = ((name, max(half, believed.half_widths.get(name, 0.0))) for name, half in before)
-    halves = inside(known, wanted_soc)
+    counted = ((name, max(half, believed.half_widths.get(name, 0.0))) for name, half in before)
+    halves = inside(counted, wanted_soc)
     nodes = inside(((name, 0.0) for name in (*believed.names, (DRIVE, None))), wanted_soc)
     whole = [name for name in wanted if len(halves[name]) == len(nodes[name])]
     return tuple(name for name in whole if _are_enough(name, halves[name], wanted[name]))

@@ -82,8 +82,8 @@ class Pattern:
         dealt: list[list[int]] = [[] for _ in range(self.stretches)]
         for block, count in enumerate(self.counts):
             at = (np.arange(count) + 0.5) / max(count, 1)
-            for place in np.searchsorted(upper, at).tolist():
-                dealt[min(place, self.stretches - 1)].append(block)
+            for stretch in np.searchsorted(upper, at).tolist():
+                dealt[min(stretch, self.stretches - 1)].append(block)
         return dealt
 
     def fewer(self, share: float) -> "Pattern":
@@ -210,9 +210,9 @@ class Choice:
             information_of(self.believed, columns, interval_s) + self.believed.information_before
         )
         inverse = whole.inverse(self.believed)
-        places, halves = [*self.wished], np.array([*self.wished.values()])
-        variance = np.diag(whole.covariance(self.believed, inverse))[places]
-        wished = halves * self.believed.units[places]
+        unknowns, halves = [*self.wished], np.array([*self.wished.values()])
+        variance = np.diag(whole.covariance(self.believed, inverse))[unknowns]
+        wished = halves * self.believed.units[unknowns]
         widths = HALF_95 * np.sqrt(np.maximum(variance, 0.0)) / wished
         if self.drive is None:
             return widths

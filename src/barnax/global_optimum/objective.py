@@ -125,7 +125,9 @@ class LinearObjective(abc.ABC):
             return objectives_v2
         # A point's vectors are those of few scales: their products are taken once.
         first = np.zeros(log_scales.shape[1], int)
-        vectors = {table: (own[None, :, 0], first) for table, own in self.fixed_columns.items()}
+        vectors = {
+            table: (column[None, :, 0], first) for table, column in self.fixed_columns.items()
+        }
         base = self.base[None], first
         for axis, where in zip(self.axes, log_scales, strict=True):
             scales, at = np.unique(where, return_inverse=True)

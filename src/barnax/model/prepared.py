@@ -82,7 +82,7 @@ class PreparedRecord(Brief):
         registration = self.window.registration
         if registration is None:
             return self
-        return self.in_window(registration.told).following(self.dependence)
+        return self.in_window(registration.given).following(self.dependence)
 
     def in_window(self, window: Window, record: Record | None = None) -> "PreparedRecord":
         """The same prepared anew in another window, or another record in place of its own, from the

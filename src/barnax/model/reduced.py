@@ -227,7 +227,7 @@ class Block:
 
     here: slice
     local_columns: Float[np.ndarray, "samples few"]
-    columns: Int[np.ndarray, "own"]
+    columns: Int[np.ndarray, "columns"]
     far: Int[np.ndarray, "decays others"]
     left: Float[np.ndarray, "decays others"]
 

@@ -102,7 +102,7 @@ def find_start(
             elsewhere = None
     if window.initial_soc is not None:
         soc, soc_source = window.initial_soc, window.soc_source or "given"
-        soc_sd = 0.0 if window.registration is None else window.registration.told_sd
+        soc_sd = 0.0 if window.registration is None else window.registration.given_sd
         if soc_source == "given":
             soc -= begun.counted_soc
     elif elsewhere is not None:
@@ -353,5 +353,5 @@ def require_whole_log(record: Record, records: Sequence[Record], unknown: InputE
     if len(log) > 1:
         others = ", ".join(other.name for other in log if other is not record)
         files = ", ".join(other.name for other in log)
-        told = {"others": others, "files": files}
-        raise Notice("start.goes-on", told, record.name).error() from unknown
+        values = {"others": others, "files": files}
+        raise Notice("start.goes-on", values, record.name).error() from unknown

@@ -73,7 +73,7 @@ class TableFit(Brief):
         intervals: 95 % intervals of visited nodes, then of searched constants.
         cross_validation: Errors on blocks held out.
         warnings: What is doubtful, with what to do.
-        own_ocv: What an OCV of the records' own gives, beside that of an OCV test.
+        ocv_compared: What an OCV of the records' own gives, beside that of an OCV test.
         means: Every table's mean over the visited SOC above 10 %, by length of SOC, with its 95 %
             interval, but not an OCV's; then sums such as "R1 + R2" of pairs that have nearly one
             time constant.
@@ -93,7 +93,7 @@ class TableFit(Brief):
     intervals: tuple[NodeInterval, ...]
     cross_validation: CrossValidation | None
     warnings: tuple[NoticeField, ...]
-    own_ocv: OcvCompared | None = None
+    ocv_compared: OcvCompared | None = None
     of_offset: OffsetEffect | None = None
     means: tuple[NodeInterval, ...] = ()
 

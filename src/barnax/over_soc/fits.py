@@ -40,14 +40,14 @@ MIDDLE_SOC = 0.5
 class LeftOut:
     """Errors of one temperature, predicted by the tables of the others.
 
-    `errors` are of the prediction, `own` of the tables identified there. `is_between` says whether
-    the temperature lies between others: else the nearest one's tables are taken as they are.
+    `errors` are of the prediction, `identified` of the tables identified there. `is_between` says
+    whether the temperature lies between others: else the nearest one's tables are taken.
     """
 
     temperature_degc: float
     is_between: bool
     errors: SocErrors
-    own: SocErrors
+    identified: SocErrors
 
 
 @dataclass(frozen=True)
@@ -253,7 +253,7 @@ def table_warnings(fits: TableFits, evaluations: Evaluations) -> Iterator[Notice
         yield from alike if len(alike) < len(degc) else [alike[0].about(what)]
     usual_v = max(DISAGREES_V, DISAGREES_SHARE * _mean_drop_v(fits, identified))
     for fit in fits:
-        fitted_ocv = fit.own_ocv
+        fitted_ocv = fit.ocv_compared
         if fitted_ocv is not None and fitted_ocv.median_v > usual_v:
             where = {"largest_v": fitted_ocv.largest_v, "soc": fitted_ocv.largest_soc}
             yield Notice("ocv-test.disagrees", {"median_v": fitted_ocv.median_v, **where})
@@ -297,7 +297,7 @@ def _offset_warnings(records: Sequence[PreparedRecord]) -> Iterator[Notice]:
     offset_a = -level.offset_a if is_turned else level.offset_a
     names = ", ".join(record.record.name for record in records)
     values = {"offset_a": offset_a, "error_a": 2 * level.offset_error_a}
-    values |= {"hours": level.told_capacity_ah / abs(offset_a)}
+    values |= {"hours": level.given_capacity_ah / abs(offset_a)}
     yield Notice("answer.current-offset", values, names)
 
 

@@ -116,7 +116,7 @@ def fit_pack(
         beside_v: How far each cell's voltage is above the mean.
         names: What the cells are called.
         settings: How tables are fitted.
-        own_time_constants: Let every cell have its own, from descents that start at the pack's.
+        has_separate_taus: Let every cell have its own, from descents that start at the pack's.
     """
     # On the nodes of a correction of the mean cell's, that of one that is shifted would be coarse.
     prepared = leveled([prepared])[0].following(tables.dependence)

@@ -301,10 +301,10 @@ def with_start(
     moved_soc, moved_ah = soc + soc_shift, capacity_ah * (1 + share)
     reach, reach_ah = REACH * soc_error, capacity_ah * REACH * share_error
     registration = Registration(
-        told=prepared.window,
-        told_soc=soc,
-        told_capacity_ah=capacity_ah,
-        told_source=prepared.start.soc_source,
+        given=prepared.window,
+        given_soc=soc,
+        given_capacity_ah=capacity_ah,
+        given_source=prepared.start.soc_source,
         soc_low=moved_soc - reach,
         soc_high=moved_soc + reach,
         capacity_low_ah=moved_ah - reach_ah,

@@ -192,7 +192,7 @@ def _left_out(
                 temperature_degc=degc[left],
                 is_between=0 < left < len(degc) - 1,
                 errors=pooled_errors(records, tables.at(degc[left])),
-                own=pooled_errors(records, identified),
+                identified=pooled_errors(records, identified),
             )
         )
     return tuple(left_out)

@@ -243,8 +243,8 @@ def open_starts(
     shifts_sd = np.zeros(len(prepared_records))
     for number, prepared in enumerate(prepared_records):
         moved = prepared.window.registration
-        if moved is not None and moved.told_sd:
-            shifts_sd[number] = (prepared.start.soc - moved.told_soc) / moved.told_sd
+        if moved is not None and moved.given_sd:
+            shifts_sd[number] = (prepared.start.soc - moved.given_soc) / moved.given_sd
     return columns[:, is_open], shifts_sd[is_open]
 
 

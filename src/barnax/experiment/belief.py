@@ -95,10 +95,8 @@ def believed_of(
         return believed_of_chemistry(chemistry or "nmc", capacity_ah)
     if isinstance(before, str | Path):
         before = Result.load(before)
-    if isinstance(before, Believed):
-        believed = before
-    else:
-        believed = believed_of_result(before, temperature_degc)
+    is_believed = isinstance(before, Believed)
+    believed = before if is_believed else believed_of_result(before, temperature_degc)
     if capacity_ah is not None:
         # The largest currents are those of the records.
         share = believed.cell.capacity_ah / capacity_ah

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 import barnax
@@ -84,20 +85,39 @@ def test_an_interval_that_would_hide_a_doubling_is_too_wide_to_tell():
     assert "+40 %, too wide to tell" in repr(beside)
 
 
-def test_means_over_other_states_of_charge_are_not_compared():
+def test_means_are_compared_over_the_soc_that_all_results_visit():
     one, alike, other = (make_table_result() for _ in range(3))
     (fit,) = other.tables.fits
     tables = replace(fit.tables, visited=tuple(node >= 0.5 for node in fit.tables.nodes))
-    means = tuple(replace(mean, value=2 * mean.value, low=1.9 * mean.value) for mean in fit.means)
-    means = tuple(replace(mean, high=2.1 * mean.value) for mean in means)
+    fine = np.linspace(0.5, 1, 100_001)
+    name, *_ = names = [mean.name for mean in fit.means]
+    of_top_ohm = {name: float(np.mean(fit.tables.at(name, fine))) for name in names}
+    means = tuple(
+        replace(mean, value=of_top_ohm[mean.name], low=0.9 * mean.value, high=1.1 * mean.value)
+        for mean in fit.means
+    )
     of_top = replace(fit, tables=tables, means=means)
     top = other.model_copy(update={"tables": replace(other.tables, fits=(of_top,))})
     beside = barnax.show(one, alike, top, names=("one", "alike", "top"))
     assert not any(title.startswith("mean") for title in beside.differing["top"])
-    text = repr(beside)
-    rows = [line.split() for line in text.split("\n") if line.split()[:2] == ["mean", "R0"]]
-    assert [row[2] for row in rows] == ["10-100", "50-100"]
-    assert "within" in " ".join(rows[0])
-    said = "The means are over different SOC, 10-100 % and 50-100 %, and are not compared."
-    assert said in " ".join(text.split())
-    assert said not in " ".join(repr(barnax.show(one, alike)).split())
+    text = " ".join(repr(beside).split())
+    rows = [line.split() for line in repr(beside).split("\n") if line.split()[:2] == ["mean", "R0"]]
+    assert [row[2] for row in rows] == ["50-100"]
+    assert f"{1e3 * of_top_ohm[name]:.3g} mOhm" in text
+    # Over its whole range the mean of the first is another, and would differ by that.
+    (whole,) = (mean for mean in fit.means if mean.name == name)
+    assert f"{1e3 * whole.value:.3g}" != f"{1e3 * of_top_ohm[name]:.3g}"
+    assert "The means are over 50-100 % SOC, which all results visit." in text
+    assert "all results visit" not in repr(barnax.show(one, alike))
+
+
+def test_means_without_soc_in_common_are_not_compared():
+    results = []
+    for is_top in (True, False):
+        made = make_table_result()
+        (fit,) = made.tables.fits
+        visited = tuple((node >= 0.5) == is_top for node in fit.tables.nodes)
+        fit = replace(fit, tables=replace(fit.tables, visited=visited))
+        results.append(made.model_copy(update={"tables": replace(made.tables, fits=(fit,))}))
+    text = " ".join(repr(barnax.show(*results, names=("top", "bottom"))).split())
+    assert "and are not compared" in text

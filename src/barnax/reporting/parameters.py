@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,7 @@ import numpy as np
 from ..cell.parameters import OCV, OCV_CORRECTION
 from ..errors import InputError
 from ..files import csv_text
-from ..over_soc.node_interval import Fact
+from ..over_soc.node_interval import Fact, parts_of
 from ..results import Result
 from .document import Document
 from .render import to_fragment
@@ -100,32 +100,57 @@ def _node_rows(fit: "TableFit") -> Iterable[dict[str, Any]]:
     return [row | everywhere for _, row in sorted(rows.items())]
 
 
-def _compared(fit: "TableFit") -> Iterator[Fact]:
-    """Means over SOC, tables at a few states of charge between visited nodes, and constants."""
+def _compared(fit: "TableFit", mean_soc: tuple[float, float] | None) -> Iterator[Fact]:
+    """Means over a range of SOC, tables at a few states of charge between visited nodes, and
+    constants."""
     facts = [*_facts(fit)]
-    yield from (fact for fact in facts if fact.is_mean)
+    yield from (_mean_over(fit, fact, mean_soc) for fact in facts if fact.is_mean)
     for name in fit.tables.tables if fit.is_over_soc else ():
-        nodes = [fact for fact in facts if fact.name == name and not fact.is_mean]
-        nodes = [node for node in nodes if node.is_assessed]
-        if name == OCV_CORRECTION or all((node.low, node.high) == (None, None) for node in nodes):
+        soc, rows = _lines(fit, name)
+        if name == OCV_CORRECTION or np.all(np.isnan(rows[1:])):
             # A correction belongs to one result's OCV; another result has another.
             continue
-        soc = np.array([node.soc for node in nodes], float)
-        # Between nodes of which one is not determined, nothing is.
-        rows = np.array([(node.value, node.low, node.high) for node in nodes], float)
         for at in COMPARED_SOC:
             if soc[0] <= at <= soc[-1]:
-                value, *ends = (float(np.interp(at, soc, row)) for row in rows.T)
-                low, high = (None if math.isnan(end) else end for end in ends)
+                value, low, high = _ends(np.interp(at, soc, row) for row in rows)
                 value = np.nan if low is high is None else value
                 yield Fact(name, at, value, 0.0, 0.0, low, high)
     yield from (fact for fact in facts if fact.soc is None and not fact.is_mean)
 
 
-def _key(fact: Fact, result: Result, are_apart: bool) -> Key:
+def _lines(fit: "TableFit", name: str) -> tuple[np.ndarray, np.ndarray]:
+    """The SOC of a table's assessed nodes, and rows of their values, lower and upper ends; NaN is
+    not determined, and so is what lies beside it."""
+    facts = (fact for fact in fit.facts if fact.name == name and fact.soc is not None)
+    nodes = [(node.soc, node.value, node.low, node.high) for node in facts if node.is_assessed]
+    soc, *rows = np.array(nodes, float).reshape(-1, 4).T
+    return soc, np.array(rows)
+
+
+def _ends(numbers: Iterable[Any]) -> list[Any]:
+    """Numbers, with None for NaN."""
+    return [None if math.isnan(number) else float(number) for number in numbers]
+
+
+def _mean_over(fit: "TableFit", mean: Fact, within: tuple[float, float] | None) -> Fact:
+    """A mean over part of its SOC. Its interval is that of nodes with one common error: it can only
+    be too wide."""
+    if within is None or within == fit.mean_soc:
+        return mean
+    total = np.zeros(3)
+    for name in parts_of(mean.name):
+        soc, rows = _lines(fit, name)
+        at = np.array([within[0], *(one for one in soc if within[0] < one < within[1]), within[1]])
+        lines = np.array([np.interp(at, soc, row) for row in rows])
+        total += np.trapezoid(lines, at) / np.ptp(at)
+    value, low, high = _ends(total)
+    return replace(mean, value=value, low=low, high=high)
+
+
+def _key(fact: Fact, result: Result, mean_soc: tuple[float, float] | None, are_apart: bool) -> Key:
     """What has to be alike of two numbers that are compared: a mean over other SOC is another, and
     so is a pair of a circuit with other pairs."""
-    where = soc_extent(result.fit.mean_soc) if fact.is_mean else percent(fact.soc)
+    where = soc_extent(mean_soc) if fact.is_mean else percent(fact.soc)
     of = result.model if are_apart and OF_PAIRS.match(fact.label) else ""
     return fact.label, where, of
 
@@ -191,8 +216,8 @@ def show(*results: Result | str | Path, names: tuple[str, ...] = ()) -> SideBySi
     Two cells, two ages or two temperatures of one cell: every parameter with its 95 % interval, and
     the change from the first result. Intervals that do not overlap tell a difference; that they do
     overlap tells none, which is careful, and nothing at all where one of them spans more than a
-    factor of two. Tables are compared at some states of charge, and their means where these are
-    over the same SOC; beside a constant circuit, that of the other result is compared.
+    factor of two. Tables are compared at some states of charge, and by their means over the SOC
+    that all results visit; beside a constant circuit, that of the other result is compared.
 
     Args:
         results: Results, their folders or their files.
@@ -213,12 +238,16 @@ def show(*results: Result | str | Path, names: tuple[str, ...] = ()) -> SideBySi
         raise InputError(f"the names {', '.join(names)} are not {len(loaded)} different ones")
     have_tables = all(result.over for result in loaded)
     are_apart = len({result.fit.tables.elements for result in loaded}) > 1
+    ranges = [
+        result.fit.mean_soc if have_tables and result.fit.is_over_soc else None for result in loaded
+    ]
+    means_soc = _common(ranges)
     quantities = {
         name: {
-            _key(fact, result, are_apart): fact
-            for fact in (_compared(result.fit) if have_tables else result.constant.facts)
+            _key(fact, result, soc, are_apart): fact
+            for fact in (_compared(result.fit, soc) if have_tables else result.constant.facts)
         }
-        for name, result in zip(names, loaded, strict=True)
+        for name, result, soc in zip(names, loaded, means_soc, strict=True)
     }
     (_, first), *others = quantities.items()
     changes = {
@@ -244,10 +273,22 @@ def show(*results: Result | str | Path, names: tuple[str, ...] = ()) -> SideBySi
         beyond=differing,
         wide={name: _by_symbol(alike) for name, alike in changes.items()},
         are_apart=are_apart,
-        extents=dict.fromkeys(soc_extent(result.fit.mean_soc) for result in loaded if have_tables),
+        extents=dict.fromkeys(map(soc_extent, filter(None, means_soc))),
+        is_common=means_soc != ranges,
         have_tables=have_tables,
     )
     return SideBySide(report, differing, too_wide)
+
+
+def _common(
+    ranges: list[tuple[float, float] | None],
+) -> list[tuple[float, float] | None]:
+    """The SOC that means of each result are over: what all of them visit, where there is any."""
+    given = [soc for soc in ranges if soc is not None]
+    if len(given) < len(ranges):
+        return ranges
+    low, high = max(soc[0] for soc in given), min(soc[1] for soc in given)
+    return [(low, high)] * len(ranges) if low < high else ranges
 
 
 def _by_symbol(changes: Mapping[str, Iterable[Fact]]) -> Mapping[str, list[str]]:

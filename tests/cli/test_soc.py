@@ -28,6 +28,11 @@ def test_a_replay_is_a_screen_a_file_and_a_figure(run, finished, tmp_path):
     stored = json.loads((tmp_path / "barnax-soc/soc.json").read_text())
     assert stored["settings"]["kind"] == "ukf"
     assert [each["name"] for each in stored["scenarios"]] == tried
+    # Errors of the whole record stand before those from convergence on.
+    for part in stored["scenarios"]:
+        (row,) = (line for line in lines if line.strip().startswith(part["name"] + "  "))
+        shown = row.removeprefix("  " + part["name"]).split()[:2]
+        assert shown == [f"{100 * part[name]:.1f}" for name in ("whole_rms", "whole_max")]
     again = run("soc", finished.folder, BUNDLED.validation)
     assert "holds a result; replace it with --force" in again.err
 

@@ -20,7 +20,6 @@ def replay_document(replay: "SocReplay", illustrations: Iterable[Picture] = ()) 
 def soc_screen(replay: "SocReplay") -> Document:
     """The replay, its scenarios, the estimated parameters, and the innovations."""
     about = [wording("replay.record", replay, "   "), wording("replay.filter", replay)]
-    about += sentences("replay.whole", replay)
     lines = Lines(sentences("replay.verdict", replay))
     return screen(map(Paragraph, about), blocks("replay.errors", replay, True), [lines])
 

@@ -278,10 +278,16 @@ def _with_warnings(result: Result, problem: Problem, inputs: Inputs | None = Non
             warnings.append(Notice("answer.worse-than-constant", {"r2": r2}, name))
     records = [(one.prepared.record, one.prepared.temperature_degc) for one in identified]
     warnings += compare_resistances(records)
+    fits, constant = result.tables, result.constant
+    facts = constant.facts if fits is None else result.fit.facts
+    lower_ends = [
+        (fact.low or 0.0) / fact.value
+        for fact in facts
+        if fact.name == R0 and fact.is_assessed and fact.value and (fact.is_mean or not fits)
+    ]
     for evaluation in identified:
-        fits, constant = result.tables, result.constant.parameters
-        parameters = constant if fits is None else fits.of(evaluation.prepared)
-        warnings += step_warnings(evaluation, parameters)
+        parameters = constant.parameters if fits is None else fits.of(evaluation.prepared)
+        warnings += step_warnings(evaluation, parameters, *lower_ends)
     for evaluation in result.without_tables().evaluations.validation:
         warnings += [*evaluation.prepared.record.warnings, *evaluation.prepared.warnings]
         warnings += rest_warnings(evaluation.prepared)

@@ -78,5 +78,8 @@ def test_an_r0_above_what_the_steps_show_is_told_with_both(bundled_cell, hold):
     # By less than a tenth too: the scatter over all steps decides.
     a_little = CircuitParameters.constant(r0=0.055, r=(0.001, 0.02), c=(5000.0, 4000.0))
     assert [*step_warnings(evaluate(prepared, a_little), a_little)]
+    # Where the interval of R0 reaches down to what the steps show, that says it.
+    assert [*step_warnings(evaluate(prepared, high), high, 0.9)]
+    assert not [*step_warnings(evaluate(prepared, high), high, 0.75)]
     low = CircuitParameters.constant(r0=0.045, r=(0.01, 0.02), c=(500.0, 4000.0))
     assert not [*step_warnings(evaluate(prepared, low), low)]

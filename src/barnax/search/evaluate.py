@@ -170,10 +170,16 @@ def _in_both(*evaluations: Evaluation) -> Iterator[Float[np.ndarray, "scored"]]:
     return (evaluation.error_v[:count][scored] for evaluation in evaluations)
 
 
-def step_warnings(evaluation: Evaluation, parameters: CircuitParameters) -> Iterator[Notice]:
-    """A notice where R0 is more than the record shows after steps of the current, in the median of
-    all steps and beyond the 95 % interval of that; under a law of resistances, the circuit's answer
-    to them."""
+def step_warnings(
+    evaluation: Evaluation, parameters: CircuitParameters, least_share: float = 1.0
+) -> Iterator[Notice]:
+    """A notice where R0 is more than the record shows after steps of the current; under a law of
+    resistances, the circuit's answer to them.
+
+    Two intervals are compared: the lower end of R0, of which it is `least_share`, and the 95 %
+    interval of the median over all steps. What a single step shows is no limit, for it has the
+    relaxation of the loads before it.
+    """
     prepared = evaluation.prepared
     before, after = steps_of(prepared)
     if len(before) < FEWEST_STEPS:
@@ -187,7 +193,7 @@ def step_warnings(evaluation: Evaluation, parameters: CircuitParameters) -> Iter
     )
     has_law = parameters.dependence is not None
     r0_ohm = simulated_ohm if has_law else parameters.at(OHMIC, prepared.soc[before])
-    above_ohm = r0_ohm - shown_ohm
+    above_ohm = least_share * r0_ohm - shown_ohm
     median_ohm = float(np.median(above_ohm))
     # Of a median of normal values, and a robust one: steps of an empty cell scatter far more.
     freedom, spread_ohm = len(before) - 1, 1.4826 * np.median(np.abs(above_ohm - median_ohm))

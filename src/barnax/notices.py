@@ -210,8 +210,20 @@ def sentences_of(notices: Iterable[Any]) -> list[str]:
     return sentences
 
 
+def refusal_of(notices: Iterable[Notice], file: str, end: str = "") -> InputError | None:
+    """The refusal by the first error among the notices of a file, or by all that are about its
+    columns, which are named together; None where there is no error."""
+    errors = [one.about(file) for one in notices if one.severity == "error"]
+    if not errors:
+        return None
+    first, *others = errors
+    are_said = [one for one in others if one.check == first.check == "columns"]
+    refusal = InputError("\n".join(f"{one}{end}" for one in (first, *are_said)))
+    refusal.notice = first
+    return refusal
+
+
 def raise_first_error(notices: Iterable[Notice], file: str) -> None:
-    """Raise InputError for the first error among the notices of a file, if there is one."""
-    for notice in notices:
-        if notice.severity == "error":
-            raise notice.about(file).error(".")
+    """Raise the refusal by the errors among the notices of a file, if there are any."""
+    if (refusal := refusal_of(notices, file, ".")) is not None:
+        raise refusal

@@ -201,6 +201,14 @@ def test_what_is_said_of_a_record_is_known_before_roles_are_chosen(folder):
         said[f"{name}.parquet"] = barnax.Window(temperature_degc=25.0)
     apart = plan(folder, window=said)
     assert reason(apart, "c.parquet") == "measured at -10 degC, the OCV test at 25 degC"
+    # On the screen files of all other temperatures have one line.
+    cold = [part for part in apart.parts if part.name == "c.parquet"]
+    colder = replace(cold[0], name="d.parquet", temperature_degc=-20.0)
+    colder = replace(colder, reason="measured at -20 degC, the OCV test at 25 degC")
+    assert replace(apart, parts=(*cold, colder)).unused == {
+        "measured at another temperature, the OCV test at 25 degC": "c.parquet (drive cycle at -10 "
+        "degC), d.parquet (drive cycle at -20 degC)"
+    }
 
 
 def test_a_slow_sweep_comes_before_a_pulse_test_which_is_validated_on(tmp_path):

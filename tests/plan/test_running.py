@@ -10,10 +10,11 @@ import pytest
 import barnax
 from barnax.bundled import BUNDLED
 from barnax.errors import InputError
-from barnax.plan import Plan, plan, plan_from_toml, plan_to_toml
+from barnax.inputs import read_inputs
+from barnax.plan import Plan, plan, plan_from_toml, plan_of, plan_to_toml
 from barnax.plan.document import Part
 from barnax.plan.running import planned
-from barnax.records import read_record, source
+from barnax.records import read, read_record, source
 from barnax.reporting.wording import table
 from barnax.results import Result
 from cli.conftest import BUDGET, run_command
@@ -40,6 +41,28 @@ def by_hand():
         window=window,
         **SMALL,
     )
+
+
+def test_the_files_of_a_folder_are_examined_once_and_again_for_a_capacity_alone(
+    folder, monkeypatch
+):
+    seen = []
+    examined = read._examined
+
+    def counted(source, capacity_ah):
+        seen.append((source.name, capacity_ah))
+        return examined(source, capacity_ah)
+
+    monkeypatch.setattr(read, "_examined", counted)
+    job = barnax.Job(folder)
+    found = plan_of(job)
+    assert sorted(seen) == sorted((path.name, None) for path in folder.iterdir())
+    seen.clear()
+    read_inputs(planned(found, job))
+    # The charge of a record is judged by the capacity of the OCV test.
+    assert {name for name, _ in seen} == {BUNDLED.record.name, BUNDLED.validation.name}
+    assert len(seen) == 2
+    assert None not in {capacity_ah for _, capacity_ah in seen}
 
 
 def test_python_takes_a_folder(folder, by_hand):

@@ -12,13 +12,12 @@ from ..notices import Notice
 from ..records import Given
 from ..records.source import files_of
 from ..settings import OVER_TEMPERATURE, Reading
-from .document import Plan, Use
+from .document import Plan, Use, named_degc
 from .draft import (
     Draft,
     another_cell,
     cells_by_folder,
     copies_of,
-    named_degc,
     of_other_cells,
     passed_ah,
     why_useless,
@@ -96,8 +95,12 @@ def _decide(draft: Draft, tests: Files, others: Files) -> Plan:
     """The plan of files of which some have their role given."""
     # Given files come first.
     given = (*tests, *others)
-    refused = [file for file in draft.files if file.refusal]
-    draft.leave({file: str(file.refusal).removeprefix(f"{file.name}: ") for file in refused})
+    for file in draft.files:
+        if file.refusal:
+            lines = str(file.refusal).splitlines()
+            draft.take(
+                file, "not used", "; ".join(one.removeprefix(f"{file.name}: ") for one in lines)
+            )
     copies = copies_of(draft.free, given)
     draft.leave({file: same.what for file, same in copies.items()})
     free = [file for file in draft.free if file not in given]

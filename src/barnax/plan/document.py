@@ -105,9 +105,23 @@ class Plan(Brief):
         return next((p for p in paths if p.encode(errors="replace").decode() != p), None)
 
     @property
+    def unused(self) -> dict[str, str]:
+        """The files that are not used, together where the reason is one but for a temperature."""
+        files: dict[str, list[str]] = {}
+        for part in self.of_role("not used"):
+            at = named_degc(part.temperature_degc)
+            what = f" ({part.kind}{at})" if part.kind else at
+            reason = part.reason.replace(f"measured{at}", "measured at another temperature")
+            files.setdefault(reason, []).append(f"{part.name}{what}")
+        return {reason: ", ".join(several) for reason, several in files.items()}
+
+    @property
     def lines(self) -> list[str]:
-        """Every file in a line, with what it is and why it serves or not."""
-        return [f"{part.name}: {part.role} ({part.kind}): {part.reason}" for part in self.parts]
+        """Every file with what it is and why it serves or not: a line each, but for those that are
+        not used for one reason."""
+        used = [part for part in self.parts if part.role != "not used"]
+        lines = [f"{part.name}: {part.role} ({part.kind}): {part.reason}" for part in used]
+        return [*lines, *(f"{names}: not used: {why}" for why, names in self.unused.items())]
 
     @property
     def stored(self) -> tuple[PlannedFile, ...]:
@@ -156,6 +170,11 @@ class Plan(Brief):
             reasons={**self.reasons, **dict.fromkeys(given, GIVEN)},
             window=merged(self.window, windows.get("", Window())),
         )
+
+
+def named_degc(degc: float | None) -> str:
+    """A temperature in words, with the preposition; nothing of one that is not known."""
+    return "" if degc is None else f" at {degc:.3g} degC"
 
 
 _HEAD = (

@@ -144,10 +144,6 @@ def words_of(draft: Draft, file: CandidateFile) -> str:
     return ""
 
 
-def named_degc(degc: float | None) -> str:
-    return "" if degc is None else f" at {degc:.3g} degC"
-
-
 def copies_of(files: Files, given: Files) -> dict[CandidateFile, Notice]:
     """The files whose bytes or samples another one has, and what says so.
 

@@ -24,6 +24,7 @@ from ..errors import InputError
 from ..execution import Watch
 from ..inputs import file_names, how_read, lags_of, name_of, named_source, numbered, window_of
 from ..model.window import START, Window, temperature_of
+from ..notices import refusal_of
 from ..records import Record, Source, read_record
 from ..records.log import NEXT_FILE, continuation, joined
 from ..records.record import TAPERED
@@ -248,9 +249,9 @@ def _checked(file: CandidateFile) -> CandidateFile:
     roles = {role.name: role for role in check.roles}
     if check.traits is None and roles:
         return replace(file, roles=roles)
-    # Findings stand by severity, and what has no samples to look at has one that says so.
-    if check.traits is None or any(finding.severity == "error" for finding in check.findings):
-        return replace(file, refusal=check.findings[0].about(file.name).error())
+    refusal = refusal_of(check.findings, file.name)
+    if check.traits is None or refusal is not None:
+        return replace(file, refusal=refusal)
     warnings = sum(finding.counts for finding in check.findings)
     return replace(file, traits=check.traits, roles=roles, warnings=warnings)
 
@@ -308,6 +309,8 @@ def _tests(file: CandidateFile) -> Iterator[CandidateFile]:
 
 
 def _part(file: CandidateFile, first: int, last: int, is_full: bool = False) -> CandidateFile:
+    if (first, last) == (0, file.record.samples - 1):
+        return replace(file, starts_full=is_full)
     time_s = file.record.time_s
     source = replace(file.readable, span_s=(float(time_s[first]), float(time_s[last])))
     part = CandidateFile(file.path, file.name, source, file.more, file.evidence)

@@ -199,6 +199,6 @@ def test_all_columns_that_are_missing_are_said_at_once(tmp_path):
     with pytest.raises(InputError) as caught:
         read_record(tmp_path / "odd.csv", columns="current=Strom:A,voltage=Volt:V")
     lines = str(caught.value).splitlines()
-    wanted = ("called 'Strom:A'", "called 'Volt:V'", "no columns for the time, current, voltage")
+    wanted = ("called 'Strom:A'", "called 'Volt:V'", "no column for time, current, voltage")
     assert [word in line for word, line in zip(wanted, lines, strict=True)] == [True] * 3
     assert caught.value.code == "columns.not-there"

@@ -15,7 +15,7 @@ import polars as pl
 from jaxtyping import Float
 
 from ..errors import InputError, listed
-from ..notices import Notice
+from ..notices import Notice, raise_first_error
 from .cell_values import CLOCKS, DAY_S, epoch_unit, is_clock, numbers
 from .columns import Column, Header, normal
 from .counters import cosine
@@ -68,7 +68,7 @@ def examine_columns(table: Table, file: str) -> tuple[dict[str, Column], list[No
     is_any = is_like or header.is_ocv_table
     is_nameless = not columns.keys() & NEEDED and _is_nameless(table, is_any)
     if not is_like and not is_nameless:
-        raise [*wrong, _no_record(header)][0].about(file).error(".")
+        raise_first_error([*wrong, _no_record(header)], file)
     findings = [*table.notes, *wrong, *_settle_clock(table, columns)]
     charge = columns.pop("charge of the interval", None)
     if charge is not None and "current" not in columns:

@@ -1,32 +1,31 @@
 """From files to checked records and the cell they show: each file is read once."""
 
-import math
+import itertools
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Self
 
 import numpy as np
 
 from .bundled import BUNDLED
-from .cell import CellModel, OcvTable, characterize, characterize_over_temperature, read_ocv_test
+from .cell import CellModel, OcvTable, read_ocv_test
+from .cell.characterize import cell_of, over_temperatures
 from .checks import FileCheck, check_file
 from .checks.against_cell import compare_temperatures, compare_with_cell
 from .checks.roles import Kind, require_load
 from .checks.sampling import OF_R0
 from .errors import InputError, printable
+from .job import Job, window_of, windows_by_name
 from .model.window import Windows, first_sample, group_tests, scored_samples, temperature_of
 from .notices import Notice, raise_first_error
 from .records import Given, Record, Source, read_record, read_source, source_from_frame
 from .records.fingerprint import Content
 from .records.hold import sampled
-from .records.logger import loggers_of
+from .records.logger import Logger, loggers_of
 from .records.source import STDIN, STDIN_NAME
 from .settings import OVER_TEMPERATURE, Reading, Window
-
-if TYPE_CHECKING:
-    from .job import Job
 
 # Records and their temperatures.
 Measured = Sequence[tuple[str, float | None]]
@@ -48,82 +47,92 @@ class Inputs:
     fitted_ocv: Any = None
 
 
-def read_inputs(
-    job: "Job", without_test: "Callable[[Job, list[Record]], Any] | None" = None
-) -> Inputs:
+@dataclass(frozen=True, eq=False)
+class _File:
+    """A record or table in its role, with the source that it was read from, if it was."""
+
+    role: str
+    content: Any
+    source: Source | None = None
+
+    @classmethod
+    def of(cls, source: Any, role: str, reading: Reading) -> Self:
+        """What is in a source, read; a record or table as it is."""
+        if not isinstance(source, Source):
+            return cls(role, source)
+        read = read_ocv_test if role == "OCV test" else read_record
+        return cls(role, read(source, **reading.of_record(source.name, role)), source)
+
+    def logged_by(self, loggers: Mapping[tuple[str, ...], Logger]) -> Self:
+        """The same with its logger."""
+        source = self.source and self.source.logged_by(loggers)
+        return replace(self, content=sampled(self.content, loggers), source=source)
+
+
+def read_inputs(job: Job, without_test: Callable[[Job, list[Record]], Any] | None = None) -> Inputs:
     """Every record once, with what the checks say of it, and the cell that is given or that the OCV
     tests show; over temperature those of each by themselves. `without_test` fits the cell of
     records that have no OCV test."""
-    given, tests, others = (listed(several) for several in (job.records, job.ocv, job.validate))
-    cell, common, capacity = job.cell, window_of(job.window, ""), given_ah_of(job)
-    if is_bundled := not given:
-        if tests or others:
+    given = {"OCV test": job.ocv, "identification": job.records, "validation": job.validate}
+    given = {role: listed(several) for role, several in given.items()}
+    if is_bundled := not given["identification"]:
+        if given["OCV test"] or given["validation"]:
             raise InputError("give a record to identify on; `ocv` and `validate` need one")
-        given, tests, others = [BUNDLED.record], [*BUNDLED.ocv], [BUNDLED.validation]
-    elif not tests and cell is None and without_test is None:
-        raise Notice("ocv-test.missing", subject=name_of(given[0])).error()
-    names = file_names([*given, *tests, *others])
-    looked_at: list[tuple[str, Source, Any]] = []
-    called: dict[str, int] = {}
-
-    def take(item: Given, role: str) -> Any:
-        """The record or table in a file or frame, read once, and remembered to be checked."""
-        source = named_source(item, role, names, called, job)
-        if not isinstance(source, Source):
-            return source
-        read = read_ocv_test if role == "OCV test" else read_record
-        looked_at.append((role, source, read(source, **how_read(job, source.name, role))))
-        return looked_at[-1][2]
-
+        bundled = [*BUNDLED.ocv], [BUNDLED.record], [BUNDLED.validation]
+        given = dict(zip(given, bundled, strict=True))
+    is_fitted = not given["OCV test"] and job.cell is None
+    if is_fitted and without_test is None:
+        raise Notice("ocv-test.missing", subject=name_of(given["identification"][0])).error()
     with job.watch("Reading records", 0):
-        ocv_records = [take(source, "OCV test") for source in tests]
-        dynamic = [take(source, "identification") for source in given]
-        further = [take(source, "validation") for source in others]
-        loggers = loggers_of([*ocv_records, *dynamic, *further])
-        loggers |= {
-            source.logger.header: source.logger for _, source, _ in looked_at if source.logger
-        }
-        for several in (ocv_records, dynamic, further):
-            several[:] = [sampled(record, loggers) for record in several]
-        looked_at = [
-            (role, source.logged_by(loggers), sampled(taken, loggers))
-            for role, source, taken in looked_at
+        named, called = file_names(itertools.chain(*given.values())), dict[str, int]()
+        files = [
+            _File.of(named_source(item, role, named, called, job), role, job)
+            for role, several in given.items()
+            for item in several
         ]
-        require_voltages([*dynamic, *further])
-        _require_different([*dynamic, *further])
+        loggers = loggers_of(file.content for file in files)
+        sources = [file.source for file in files if file.source]
+        loggers |= {one.logger.header: one.logger for one in sources if one.logger}
+        files = [file.logged_by(loggers) for file in files]
+        tests, records, validation = (
+            [file.content for file in files if file.role == role] for role in given
+        )
+        require_voltages([*records, *validation])
+        _require_different([*records, *validation])
         # A table has no samples of its own.
-        _require_different([test for test in ocv_records if isinstance(test, Record)])
-    require_records(lags_of(job), {source.name for _, source, _ in looked_at})
+        _require_different([test for test in tests if isinstance(test, Record)])
+    require_records(job.lags_s, {source.name for source in sources})
     with job.watch("Characterizing the cell", 0):
-        options = {"capacity_ah": capacity, "rest_current_a": common.rest_current_a}
-        options |= job.of_curves
-        is_fitted = not tests and cell is None
-        fitted_ocv = without_test(job, dynamic) if is_fitted and without_test else None
-        given_cell: CellModel | None = fitted_ocv.cell if fitted_ocv else cell
-        shown = given_cell or _characterized(ocv_records, job, options)
-    warnings = [] if is_bundled else _checked(looked_at, shown, capacity, job.window, job)
-    return Inputs(dynamic, ocv_records, further, shown, tuple(warnings), fitted_ocv)
+        fitted_ocv = without_test(job, records) if is_fitted and without_test else None
+        cell = fitted_ocv.cell if fitted_ocv else job.cell or _characterized(tests, job)
+    warnings = [] if is_bundled else _checked(files, cell, job.given_ah, job.window, job)
+    return Inputs(records, tests, validation, cell, tuple(warnings), fitted_ocv)
 
 
-def _characterized(
-    tests: Sequence[Record | OcvTable], job: "Job", options: dict[str, Any]
-) -> CellModel:
+def _characterized(tests: Sequence[Record | OcvTable], job: Job) -> CellModel:
     """The cell of OCV tests: at each temperature by those of it, over temperature, and where they
     are not one test together."""
+    rest_a = window_of(job.window, "").rest_current_a
+    options: dict[str, Any] = {"capacity_ah": job.given_ah, "rest_current_a": rest_a}
+    options |= job.of_curves
+    by_degc = group_tests(tests, job.window)
     is_over = job.over == OVER_TEMPERATURE
-    if is_over and (by_degc := group_tests(tests, job.window)):
-        return characterize_over_temperature(by_degc, **options)
-    try:
-        return characterize(tests, **options)
-    except InputError as problem:
-        with suppress(InputError):
-            if by_degc := group_tests(tests, job.window):
-                return characterize_over_temperature(by_degc, **options)
-        raise problem
+    if is_over and isinstance(by_degc, InputError):
+        raise by_degc
+    together = None if is_over and by_degc else cell_of(tests, **options)
+    if isinstance(together, CellModel):
+        return together
+    apart = {} if isinstance(by_degc, InputError) else dict(sorted(by_degc.items()))
+    cells = {degc: cell_of(alike, **options) for degc, alike in apart.items()}
+    refused = [one for one in (together, *cells.values()) if isinstance(one, InputError)]
+    usable = {degc: cell for degc, cell in cells.items() if isinstance(cell, CellModel)}
+    if not cells or len(usable) < len(cells):
+        raise refused[0]
+    return over_temperatures(usable)
 
 
 def _checked(
-    looked_at: Sequence[tuple[str, Source, Record | OcvTable]],
+    files: Sequence[_File],
     cell: CellModel,
     capacity_ah: float | None,
     window: Windows,
@@ -136,8 +145,9 @@ def _checked(
     """
     warnings, kinds, charges = list[Notice](), dict[str, Kind](), set[str]()
     degc: dict[bool, list[tuple[str, float | None]]] = {True: [], False: []}
-    for role, source, taken in looked_at:
-        if isinstance(taken, OcvTable):
+    for file in files:
+        role, source, taken = file.role, file.source, file.content
+        if source is None or isinstance(taken, OcvTable):
             continue
         is_test = role == "OCV test"
         # A record's ampere-hours are judged by the capacity that it is simulated with.
@@ -149,7 +159,7 @@ def _checked(
             source if is_test else _simulated(source, taken, limits),
             capacity_ah=record_ah,
             rest_current_a=limits.rest_current_a,
-            **how_read(reading, source.name, role),
+            **reading.of_record(source.name, role),
         )
         if not is_test:
             # That the OCV test is of another cell may be why the file seems at fault.
@@ -213,40 +223,11 @@ def read_validation(
     if isinstance(given, Record):
         return given, []
     source = source_of(given, {}, reading)
-    require_records(lags_of(reading), {source.name})
-    record = read_record(source, **how_read(reading, source.name, "validation"))
-    require_voltages([record])
-    looked_at = [("validation", source, record)]
-    return record, _checked(looked_at, cell, None, choose(record), reading, identified)
-
-
-def how_read(reading: Reading, name: str, role: str = "identification") -> dict[str, Any]:
-    """Sign, hold and lag of a file of that name and role, as readers and checks take them."""
-    signs = {"OCV test": reading.ocv_current_sign, "validation": reading.validate_current_sign}
-    lags = lags_of(reading)
-    how = {"current_hold": reading.current_hold, "voltage_lag": lags.get(name, lags.get(""))}
-    return {"current_sign": signs.get(role, reading.current_sign), **how}
-
-
-def lags_of(reading: Reading) -> dict[str, float]:
-    """Lags of voltages by the name of the record, "" for all others."""
-    given = [] if reading.voltage_lag is None else reading.voltage_lag
-    if not isinstance(given, Mapping):
-        # A file's name may hold commas and equality signs.
-        is_one = isinstance(given, str | float | int)
-        parts = (str(text).rpartition("=") for text in ([given] if is_one else given))
-        given = {name: lag_s for name, _, lag_s in parts}
-    lags = {}
-    for name, lag in given.items():
-        try:
-            lags[name] = float(lag)
-        except ValueError:
-            lags[name] = math.nan
-        if not math.isfinite(lags[name]):
-            raise InputError(
-                f"`voltage_lag` {str(lag)!r}: write it like 0.3, or FILE=0.3 for one of the records"
-            )
-    return lags
+    require_records(reading.lags_s, {source.name})
+    file = _File.of(source, "validation", reading)
+    require_voltages([file.content])
+    window = choose(file.content)
+    return file.content, _checked([file], cell, None, window, reading, identified)
 
 
 def source_of(
@@ -255,23 +236,22 @@ def source_of(
     """A file or a data frame, read once, under the name that results call it."""
     if isinstance(given, Source):
         return given
-    read: dict[str, Any] = {"columns": reading.columns, "series": reading.series}
     if not isinstance(given, str | Path):
-        return source_from_frame(given, frame, **read)
-    source = read_source(given, **read)
+        return source_from_frame(given, frame, **reading.of_tables)
+    source = read_source(given, **reading.of_tables)
     return replace(source, name=names.get(Path(given), source.name))
 
 
 def named_source(
     item: Given, role: str, names: Mapping[Path, str], called: dict[str, int], reading: Reading
 ) -> Any:
-    """A file or frame, read once, under a name of its own; a `Record` or table as it is."""
+    """A file or frame, read once, under a name that no other has; a `Record` or table as it is."""
     if isinstance(item, OcvTable):
         return item
     frame = _FRAMES.get(role, FRAME)
     source = item if isinstance(item, Record) else source_of(item, names, reading, frame)
-    # Files have names of their own already; one that is given twice is told by its name.
-    is_named = role == "OCV test" or isinstance(item, str | Path | Source)
+    # A file has its name, by which it is refused where it is given twice.
+    is_named = role == "OCV test" or isinstance(item, str | Path)
     return source if is_named else numbered(source, called)
 
 
@@ -294,29 +274,6 @@ def input_warnings(check: FileCheck, role: str) -> list[Notice]:
             unfit = {"role": role, "reason": use.reason, "half_width": use.half_width}
             warnings.insert(0, Notice("role.unfit", unfit, check.file))
     return warnings
-
-
-def windows_by_name(window: Windows) -> dict[str, Window]:
-    """The windows by the names of records, the common one under none.
-
-    Raises `InputError` for what is no window.
-    """
-    by_name = dict(window) if isinstance(window, Mapping) else {"": window or Window()}
-    for one in by_name.values():
-        if not isinstance(one, Window):
-            raise InputError(f"window {one!r} is none; give barnax.Window(initial_soc=...)")
-    return by_name
-
-
-def window_of(window: Windows, name: str) -> Window:
-    """The window of a record: its own, else the common one."""
-    windows = windows_by_name(window)
-    return windows.get(name, windows.get("")) or Window()
-
-
-def given_ah_of(job: "Job") -> float | None:
-    """The capacity in Ah that was given for all records, as an option or in the common window."""
-    return window_of(job.window, "").capacity_ah if job.capacity is None else job.capacity
 
 
 def require_records(given: Iterable[str], names: Collection[str]) -> None:

@@ -133,6 +133,12 @@ class Job(TableOptions, CellSettings, Reading, Scope, Settings):
         """Settings of the tables' fit. Raises `InputError` where they do not go together."""
         return replace(self.tables or TableSettings(), **vars(self.part(TableOptions)))
 
+    @property
+    def given_ah(self) -> float | None:
+        """The capacity in Ah that was given for all records, as an option or in the common
+        window."""
+        return window_of(self.window, "").capacity_ah if self.capacity is None else self.capacity
+
     def part(self, kind: Callable[..., Found]) -> Found:
         """The options of one kind, such as `Reading`, by themselves."""
         return kind(**{one.name: getattr(self, one.name) for one in fields(kind)})  # pyrefly: ignore
@@ -151,6 +157,24 @@ class Job(TableOptions, CellSettings, Reading, Scope, Settings):
             if name in {field.name for field in fields(Window)}:
                 remedy = f"; give window=barnax.Window({name}=...)"
             raise TypeError(f"there is no option {name}{remedy}")
+
+
+def windows_by_name(window: Windows) -> dict[str, Window]:
+    """The windows by the names of records, the common one under none.
+
+    Raises `InputError` for what is no window.
+    """
+    by_name = dict(window) if isinstance(window, Mapping) else {"": window or Window()}
+    for one in by_name.values():
+        if not isinstance(one, Window):
+            raise InputError(f"window {one!r} is none; give barnax.Window(initial_soc=...)")
+    return by_name
+
+
+def window_of(window: Windows, name: str) -> Window:
+    """The window of a record: that of its name, else the common one."""
+    windows = windows_by_name(window)
+    return windows.get(name, windows.get("")) or Window()
 
 
 # The options of `identify` with their types.

@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from .display import Brief
 from .errors import InputError
-from .inputs import how_read, listed, source_of
+from .inputs import listed, source_of
 from .job import Job, takes_options
 from .metrics import robust_deviations
 from .model.prepared import PreparedRecord
@@ -138,7 +138,7 @@ def identify_pack(job: PackJob) -> Pack:
         raise InputError(f"a pack is one file with all its cells, but {len(records)} were given")
     reading = job.part(Reading)
     source = source_of(records[0], {}, reading)
-    read = read_pack(source, job.cells, **how_read(reading, source.name))
+    read = read_pack(source, job.cells, **reading.of_record(source.name))
     chosen: dict[str, Any] = {"seeds": 0, "trust": "none", "model": "so-rc", **job.chosen}
     chosen |= {"records": [read.source], "over": "soc"}
     if read.scan is not None:

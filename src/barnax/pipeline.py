@@ -18,8 +18,8 @@ from .checks.traits import MAX_HALF_WIDTH
 from .execution import unwatched
 from .global_optimum.search import with_better_directions, without_sweep_drop
 from .identification import search_and_assess
-from .inputs import Inputs, read_inputs, telling, windows_by_name, windows_of
-from .job import Job, takes_options
+from .inputs import Inputs, read_inputs, telling, windows_of
+from .job import Job, takes_options, windows_by_name
 from .model.prepared import PreparedRecord
 from .model.problem import Problem
 from .model.window import Window

@@ -15,8 +15,8 @@ from .global_optimum.search import (
     with_better_hold,
     without_sweep_drop,
 )
-from .inputs import Inputs, window_of
-from .job import Job
+from .inputs import Inputs
+from .job import Job, window_of
 from .model.prepared import PreparedRecord, prepare_record
 from .model.problem import Problem, make_problem, require_enough
 from .model.search_space import Range, ranges_of

@@ -129,6 +129,37 @@ class Reading:
     columns: Mapping[str, str] | str = ""
     series: int = 1
 
+    @property
+    def of_tables(self) -> dict[str, Any]:
+        """Columns and cells in series, as readers of files take them."""
+        return {"columns": self.columns, "series": self.series}
+
+    @property
+    def lags_s(self) -> dict[str, float]:
+        """Lags of voltages by the name of the record, "" for all others. Raises `InputError` for
+        one that is no number."""
+        given = [] if self.voltage_lag is None else self.voltage_lag
+        if not isinstance(given, Mapping):
+            several = [given] if isinstance(given, str | float | int) else given
+            # A file's name may hold commas and equality signs.
+            parts = (str(text).rpartition("=") for text in several)
+            given = {name: lag_s for name, _, lag_s in parts}
+        lags_s = {name: as_number(lag) for name, lag in given.items()}
+        for name, lag_s in lags_s.items():
+            if not math.isfinite(lag_s):
+                raise InputError(
+                    f"`voltage_lag` {str(given[name])!r}: write it like 0.3, or FILE=0.3 for one "
+                    "of the records"
+                )
+        return lags_s
+
+    def of_record(self, name: str, role: str = "identification") -> dict[str, Any]:
+        """Sign, hold and lag of a record of that name and role, as readers and checks take them."""
+        signs = {"OCV test": self.ocv_current_sign, "validation": self.validate_current_sign}
+        lags_s = self.lags_s
+        how = {"current_hold": self.current_hold, "voltage_lag": lags_s.get(name, lags_s.get(""))}
+        return {"current_sign": signs.get(role, self.current_sign), **how}
+
 
 @dataclass(frozen=True, kw_only=True)
 class CellSettings:
@@ -239,6 +270,14 @@ WINDOW_OPTIONS: dict[str, tuple[str, Callable[[str], Any], str]] = {
 
 # What is no cell's temperature is of another unit, or of a sensor that is not there.
 CELL_DEGC = (-100.0, 200.0)
+
+
+def as_number(given: Any) -> float:
+    """A number that was given, as one or as text; NaN where it is none."""
+    try:
+        return float(given)
+    except ValueError:
+        return math.nan
 
 
 def is_temperature(degc: float) -> bool:

@@ -14,7 +14,7 @@ from ..records import Record
 from ..settings import HysteresisFit, OcvFit
 from .curves import Curve, InterpolatedCurve, SegmentedHysteresis, curve_warnings, fit_curve
 from .model import REFERENCE_DEGC, CellModel, fit_error
-from .ocv_points import EITHER, OcvSweeps, OcvTable, find_sweeps
+from .ocv_points import EITHER, OcvTable, find_sweeps
 from .soc_axis import (
     CHARGE,
     DISCHARGE,
@@ -64,33 +64,32 @@ def characterize(
 
     Raises `InputError` naming a record that is not an OCV test, and for an unknown fit.
     """
-    if not tests:
-        raise InputError("an OCV test is needed; no record was given")
-    given = (("capacity", capacity_ah, "Ah"), ("ocv_capacity", ocv_capacity_ah, "Ah"))
-    for option, value, unit in (*given, ("rest_current", rest_current_a, "A")):
-        if value is not None and not value > 0:
-            raise InputError(f"`{option}` must be positive, in {unit}; {value} was given")
-    of_records = [
-        find_sweeps(test, capacity_ah, rest_current_a) for test in tests if isinstance(test, Record)
-    ]
-    tables = [test for test in tests if isinstance(test, OcvTable)]
     how = ocv_capacity_ah, ocv_fit, hysteresis_fit
-    cell = cell_of(of_records, tables, capacity_ah, *how)
+    cell = cell_of(tests, capacity_ah, *how, rest_current_a)
     if isinstance(cell, InputError):
         raise cell
     return cell
 
 
 def cell_of(
-    of_records: Sequence[OcvSweeps],
-    tables: Sequence[OcvTable],
+    tests: Tests,
     capacity_ah: float | None,
     ocv_capacity_ah: float | None = None,
     ocv_fit: OcvFit = "interpolated",
     hysteresis_fit: HysteresisFit = "continuous",
+    rest_current_a: float | None = None,
 ) -> CellModel | InputError:
-    """The cell model of sweeps and tables, or why they make none; options are those of
-    `characterize`, and positive."""
+    """The cell model of OCV tests, or why they make none; options are those of `characterize`."""
+    if not tests:
+        return InputError("an OCV test is needed; no record was given")
+    given = (("capacity", capacity_ah, "Ah"), ("ocv_capacity", ocv_capacity_ah, "Ah"))
+    for option, value, unit in (*given, ("rest_current", rest_current_a, "A")):
+        if value is not None and not value > 0:
+            return InputError(f"`{option}` must be positive, in {unit}; {value} was given")
+    of_records = [
+        find_sweeps(test, capacity_ah, rest_current_a) for test in tests if isinstance(test, Record)
+    ]
+    tables = [test for test in tests if isinstance(test, OcvTable)]
     for missing in (one.missing for one in of_records if one.missing):
         return missing.error(".")
     sweeps = by_direction([sweep for one in of_records for sweep in one.sweeps])

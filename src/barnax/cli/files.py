@@ -61,7 +61,7 @@ def check(what: Checked) -> None:
     """
     session = Session(is_quiet=what.quiet or what.as_json)
     with session.watch("Loading"):
-        from ..inputs import how_read, lags_of, require_records
+        from ..inputs import require_records
         from ..records import read_source
         from ..records.source import files_of, name_of
 
@@ -79,12 +79,12 @@ def check(what: Checked) -> None:
             files += files_of([given])
         except InputError as problem:
             unreadable.append(str(problem))
-    require_records(lags_of(how), {name_of(path) for path in (*what.files, *files)})
+    require_records(how.lags_s, {name_of(path) for path in (*what.files, *files)})
     for file in files:
         try:
             with session.watch(f"Looking at {file.name}"):
-                source = read_source(file, columns=how.columns, series=how.series)
-                check = barnax.check_file(source, **chosen, **how_read(how, source.name))
+                source = read_source(file, **how.of_tables)
+                check = barnax.check_file(source, **chosen, **how.of_record(source.name))
         except InputError as problem:
             unreadable.append(str(problem))
             listed.append({"file": printable(file.name), "unreadable": printable(str(problem))})
@@ -136,7 +136,7 @@ def convert(what: Converted) -> None:
     """
     session, file = Session(is_quiet=what.quiet), what.files[0]
     with session.watch("Loading"):
-        from ..inputs import how_read, lags_of, require_records
+        from ..inputs import require_records
         from ..records import read_source
         from ..records.log import joined
 
@@ -157,13 +157,13 @@ def convert(what: Converted) -> None:
     tell_unfinished(session, path.parent)
     with session.watch(f"Reading {file.name}"):
         how = Reading(**what.read)
-        sources = [read_source(path, columns=how.columns, series=how.series) for path in what.files]
+        sources = [read_source(path, **how.of_tables) for path in what.files]
         source = joined(sources)
-        require_records(lags_of(how), {source.name})
+        require_records(how.lags_s, {source.name})
         # A current that is moved to the voltage's moments is no longer the file's.
         how = replace(how, voltage_lag=how.voltage_lag or 0.0)
-        record = barnax.read_record(source, **how_read(how, source.name))
-        findings = barnax.check_file(source, **how_read(how, source.name)).findings
+        record = barnax.read_record(source, **how.of_record(source.name))
+        findings = barnax.check_file(source, **how.of_record(source.name)).findings
     for name, content in bdf_files(record, path.name).items():
         write_file(path.with_name(name), content)
     warnings = [finding.about(record.name) for finding in findings if finding.counts]

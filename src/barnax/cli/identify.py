@@ -210,7 +210,6 @@ def _run(
 
 def _sampled_by(promise: "barnax.Design", plan: "barnax.Plan") -> "barnax.Plan":
     """The plan with the sampling of the current that the record of a designed test alone shows."""
-    from ..inputs import how_read
     from ..records import read_record, read_source
 
     on = plan.of_role("identification")
@@ -218,9 +217,9 @@ def _sampled_by(promise: "barnax.Design", plan: "barnax.Plan") -> "barnax.Plan":
     if "current_hold" in plan.options or not is_file:
         return plan
     part, reading = on[0], barnax.Job(**plan.options).part(Reading)
-    source = read_source(part.path, columns=reading.columns, series=reading.series)
+    source = read_source(part.path, **reading.of_tables)
     source = replace(source, name=part.name)
-    sampling = promise.sampling_of(read_record(source, **how_read(reading, part.name)))
+    sampling = promise.sampling_of(read_record(source, **reading.of_record(part.name)))
     if sampling is None:
         return plan
     shown = replace(part, source=source, sampling=sampling)

@@ -365,7 +365,6 @@ def loggers_of_fleet(cells: Sequence[FleetCell], settings: Options) -> Loggers:
 
     Files of a kind have one suffix, and one way in which they are to be read.
     """
-    from ..inputs import how_read  # loads JAX
     from .rows import job_of, sources_of
 
     reading_names = vars(Reading())
@@ -383,5 +382,5 @@ def loggers_of_fleet(cells: Sequence[FleetCell], settings: Options) -> Loggers:
             with suppress(InputError, OSError):
                 reading = job_of({**settings, **cell.options}).part(Reading)
                 (source,) = sources_of(cell.records[:1], reading, {})
-                records.append(read_record(source, **how_read(reading, source.name)))
+                records.append(read_record(source, **reading.of_record(source.name)))
     return loggers_of(records)

@@ -16,7 +16,7 @@ from ..checks.against_cell import compare_temperatures
 from ..errors import InputError, reason_of
 from ..factors import factors_to_bytes, read_factors
 from ..files import fetched, is_address, is_factor_file
-from ..inputs import Measured, file_names, how_read, input_warnings, source_of
+from ..inputs import Measured, file_names, input_warnings, source_of
 from ..job import Job
 from ..life.rows import ageing_row
 from ..model.window import Window
@@ -253,7 +253,7 @@ def _cell_of_tests(
     tests, warnings, temperatures_degc = [], [], []
     for path, _ in ocv:
         source = source_of(_given(path, reading), {}, reading)
-        tests.append(read_ocv_test(source, **how_read(reading, source.name, "OCV test")))
+        tests.append(read_ocv_test(source, **reading.of_record(source.name, "OCV test")))
         if isinstance(tests[-1], OcvTable):
             continue
         checked = check_file(source, capacity_ah=capacity_ah)
@@ -278,9 +278,7 @@ def _given(path: str, reading: Reading) -> Any:
     if not is_address(path):
         return path
     content = fetched(path, LARGEST_FILE)
-    return read_source(
-        short_name(path), columns=reading.columns, series=reading.series, content=content
-    )
+    return read_source(short_name(path), **reading.of_tables, content=content)
 
 
 def row_of(result: Result, warnings: Sequence[Notice]) -> Row:

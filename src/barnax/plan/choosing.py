@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, counted, printable
-from ..inputs import given_ah_of, listed, windows_by_name
-from ..job import Job, takes_options
+from ..inputs import listed
+from ..job import Job, takes_options, windows_by_name
 from ..notices import Notice
 from ..records import Given
 from ..records.source import files_of
@@ -83,7 +83,7 @@ def plan(job: Job) -> Plan:
             raise file.refusal
     with job.watch("Planning", 0):
         files = [*(part for file in free for part in split(file)), *tests, *others]
-        draft = Draft(files, given_ah=given_ah_of(job), is_over=job.over == OVER_TEMPERATURE)
+        draft = Draft(files, given_ah=job.given_ah, is_over=job.over == OVER_TEMPERATURE)
         return _decide(draft, tests, others)
 
 
@@ -123,8 +123,12 @@ def _decide(draft: Draft, tests: Files, others: Files) -> Plan:
     dynamic = [file for file in records if file.kind(None) != "OCV test"] or records
     groups = list(by_temperature(dynamic or free))
     # An OCV test of its own temperature comes before many records, and a drive before pulses.
-    chosen = [(group, ocv_at(degc, free, tests, draft.given_ah)) for degc, group in groups]
-    chosen.sort(key=lambda pair: not _holds_drive(pair[0]))
+    tried = [(group, ocv_at(degc, free, tests, draft.given_ah)) for degc, group in groups]
+    chosen = []
+    for group, choice in sorted(tried, key=lambda pair: not _holds_drive(pair[0])):
+        if isinstance(choice, InputError):
+            raise choice
+        chosen.append((group, choice))
     with_test = [(group, test) for group, test in chosen if test]
     if not with_test:
         groups = [group for group, _ in chosen if dynamic]
@@ -262,7 +266,7 @@ def _runnable(draft: Draft, group: Files, choice: OcvChoice, is_pulsed: bool) ->
             bool(file.missing_for(choice.cell.capacity_ah)),
             not is_wide,
             file.warnings if is_wide else 0,
-            not file.is_settled,
+            not (file.suggested and file.suggested.is_settled),
             -file.traits.reach_ah,
         )
 

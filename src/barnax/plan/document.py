@@ -13,8 +13,8 @@ from pydantic import TypeAdapter, ValidationError
 
 from ..display import Brief
 from ..errors import InputError, as_keys, printable, toml_reason
-from ..inputs import file_names, window_of, windows_by_name
-from ..job import OPTIONS, PLANNED, Job
+from ..inputs import file_names
+from ..job import OPTIONS, PLANNED, Job, window_of, windows_by_name
 from ..model.window import START, Windows, merged
 from ..notices import Notice
 from ..records import Given, Hold

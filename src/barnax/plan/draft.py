@@ -3,7 +3,6 @@ are copies, or of other cells, by folders and by what tests hold."""
 
 import math
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import pairwise, permutations
 from pathlib import Path
@@ -69,10 +68,12 @@ class Draft:
     ) -> OcvChoice | None:
         """Look for the start of a record whose role is given, on the cell or the OCV test of its
         temperature, which is returned; what cannot be is refused where it is run."""
-        choice = cell and OcvChoice((), cell.at(file.temperature_degc))
-        with suppress(InputError):
-            choice = choice or ocv_at(file.temperature_degc, self.files, tests, self.given_ah)
-        if choice is not None and not file.refusal:
+        degc = file.temperature_degc
+        choice = OcvChoice((), cell.at(degc)) if cell else None
+        choice = choice or ocv_at(degc, self.files, tests, self.given_ah)
+        if not isinstance(choice, OcvChoice):
+            return None
+        if not file.refusal:
             self.no_start(file, choice)
         return choice
 

@@ -5,9 +5,9 @@ A file that holds a whole schedule is cut into its tests, by full charges and by
 
 import os
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import permutations
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,8 @@ from ..checks.roles import SuggestedWindow
 from ..checks.traits import NO_TRAITS, Kind, Traits
 from ..errors import InputError
 from ..execution import Watch
-from ..inputs import file_names, how_read, lags_of, name_of, named_source, numbered, window_of
+from ..inputs import file_names, name_of, named_source
+from ..job import window_of
 from ..model.window import START, Window, temperature_of
 from ..notices import refusal_of
 from ..records import Record, Source, read_record
@@ -126,11 +127,6 @@ class CandidateFile:
             window = replace(window, start_time_s=None, initial_soc=1.0)
         return merged(window, self.chosen)
 
-    @property
-    def is_settled(self) -> bool:
-        """True if its profile begins with the cell at rest."""
-        return bool(self.suggested and self.suggested.is_settled)
-
     @cached_property
     def _quantiles_a(self) -> Float[np.ndarray, "quantiles"]:
         record, steps = self.record, self.window.score_steps
@@ -158,40 +154,52 @@ def look(
     """Every file once, in the order given, by the role that it is read for, with what `windows` say
     of it; those of one log that was cut under load as one. One that cannot be read is told as
     such."""
-    every = [(item, role) for role, several in given.items() for item in several]
+    items = [item for several in given.values() for item in several]
+    names, called = file_names(items), dict[str, int]()
     looked: dict[Use, list[CandidateFile]] = {role: [] for role in given}
-    names, called = file_names([item for item, _ in every]), dict[str, int]()
-    for item, role in every:
-        is_path = isinstance(item, str | Path)
-        name = names[Path(item)] if is_path else name_of(item)
-        file = CandidateFile(Path(item if is_path else name), name)
-        with watch(f"Looking at {name}", 0):
-            try:
-                source = named_source(item, role, names, called, reading)
-                if isinstance(item, Source) and role != "OCV test":
-                    source = numbered(source, called)
-                chosen = window_of(windows, source.name)
-                how = how_read(reading, source.name, role)
-                file = replace(file, name=source.name, chosen=chosen, how=how)
-                if isinstance(source, Source):
-                    file = _checked(replace(file, source=source))
-                else:
-                    is_record = isinstance(source, Record)
-                    degc = temperature_of(source, chosen) if is_record else None
-                    traits = Traits(temperature_degc=degc) if is_record else NO_TRAITS
-                    file = replace(file, given=source, traits=traits)
-            except InputError as problem:
-                file = replace(file, refusal=problem)
-        looked[role].append(file)
+    for role, several in given.items():
+        for item in several:
+            is_path = isinstance(item, str | Path)
+            name = names[Path(item)] if is_path else name_of(item)
+            file = CandidateFile(Path(item if is_path else name), name)
+            read = partial(named_source, item, role, names, called, reading)
+            with watch(f"Looking at {name}", 0):
+                looked[role].append(_looked_at(file, read, role, reading, windows))
     # What is said of a file by its name is said of it alone.
-    named = {*windows, *lags_of(reading)} - {""}
+    named = {*windows, *reading.lags_s} - {""}
+    common = {"": windows.get("", Window())}
     for role in looked.keys() - {"OCV test"}:
-        looked[role] = list(_whole_logs(looked[role], named, windows.get("", Window())))
+        look_at = partial(_looked_at, role=role, reading=reading, windows=common)
+        looked[role] = list(_whole_logs(looked[role], named, look_at))
     return looked
 
 
+def _looked_at(
+    file: CandidateFile,
+    read: Callable[[], Any],
+    role: str,
+    reading: Reading,
+    windows: Mapping[str, Window],
+) -> CandidateFile:
+    """A file that is read, with what the checks tell of it; what refuses it is said of it."""
+    try:
+        source = read()
+        chosen = window_of(windows, source.name)
+        how = reading.of_record(source.name, role)
+        file = replace(file, name=source.name, chosen=chosen, how=how)
+        if isinstance(source, Source):
+            return _checked(replace(file, source=source))
+    except InputError as problem:
+        return replace(file, refusal=problem)
+    is_record = isinstance(source, Record)
+    traits = Traits(temperature_degc=temperature_of(source, chosen)) if is_record else NO_TRAITS
+    return replace(file, given=source, traits=traits)
+
+
 def _whole_logs(
-    files: Sequence[CandidateFile], named: Collection[str], common: Window
+    files: Sequence[CandidateFile],
+    named: Collection[str],
+    look_at: Callable[[CandidateFile, Callable[[], Any]], CandidateFile],
 ) -> Iterator[CandidateFile]:
     """The files, those that continue each other under load as one; each by itself where several may
     continue it, where its name is among those `named`, or where they make no record together."""
@@ -214,13 +222,17 @@ def _whole_logs(
     following = {one: (other, why) for one, other, why in pairs if before[other] == after[one] == 1}
     later = {other for other, _ in following.values()}
     for first in files:
+        if first in later:
+            continue
         log, evidence = [first], list[str]()
         while log[-1] in following:
             other, why = following[log[-1]]
             log.append(other)
             evidence.append(why)
-        if first not in later:
-            yield from _as_one(log, "; ".join(evidence), common) if evidence else log
+        more = tuple(file.path for file in log[1:])
+        whole = replace(first, more=more, evidence="; ".join(evidence))
+        together = look_at(whole, partial(joined, [one.readable for one in log])) if more else first
+        yield from log if together.refusal else [together]
 
 
 def _may_be_one(one: CandidateFile, other: CandidateFile) -> bool:
@@ -229,17 +241,6 @@ def _may_be_one(one: CandidateFile, other: CandidateFile) -> bool:
         return False
     first, second = one.temperature_degc, other.temperature_degc
     return first is None or second is None or abs(first - second) <= SAME_DEGC
-
-
-def _as_one(log: Files, evidence: str, common: Window) -> Files:
-    try:
-        source = joined([file.readable for file in log])
-        more = tuple(file.path for file in log[1:])
-        whole = replace(log[0], name=source.name, source=source, more=more, evidence=evidence)
-        checked = _checked(replace(whole, chosen=common))
-    except InputError:
-        return log
-    return log if checked.refusal else [checked]
 
 
 def _checked(file: CandidateFile) -> CandidateFile:
@@ -313,9 +314,7 @@ def _part(file: CandidateFile, first: int, last: int, is_full: bool = False) -> 
         return replace(file, starts_full=is_full)
     time_s = file.record.time_s
     source = replace(file.readable, span_s=(float(time_s[first]), float(time_s[last])))
-    part = CandidateFile(file.path, file.name, source, file.more, file.evidence)
-    chosen = file.chosen
-    return _checked(replace(part, starts_full=is_full, chosen=chosen, how=file.how))
+    return _checked(replace(file, source=source, starts_full=is_full))
 
 
 def _between_charges(record: Record) -> Iterator[tuple[int, int, bool]]:

@@ -10,10 +10,9 @@ import numpy as np
 
 from ..cell import CellModel
 from ..cell.characterize import cell_of
-from ..cell.ocv_points import find_sweeps
 from ..cell.soc_axis import CAPACITY_WARNING, CHARGE, DISCHARGE, WORD, Sweep
 from ..errors import InputError
-from ..model.prepared import PreparedRecord, prepare_record
+from ..model.prepared import PreparedRecord, try_record
 from ..model.window import Window, first_sample
 from ..records.log import goes_on, pause_s
 from .looking import CandidateFile, Files, is_same_degc
@@ -55,8 +54,8 @@ class OcvChoice:
 
 def ocv_at(
     degc: float | None, free: Files, tests: Files, given_ah: float | None
-) -> OcvChoice | None:
-    """The OCV test of a temperature: the given one, else the best that there is.
+) -> OcvChoice | InputError | None:
+    """The OCV test of a temperature: the given one, or why it is none, else the best that there is.
 
     `given_ah` is the capacity that was given.
     """
@@ -65,10 +64,7 @@ def ocv_at(
     longest_ah = max(records, default=0.0) or None
     if tests:
         alike = [file for file in tests if is_same_degc(file.temperature_degc, degc)]
-        choice = _first_cell([alike or tests], given_ah, longest_ah)
-        if isinstance(choice, InputError):
-            raise choice
-        return choice
+        return _first_cell([alike or tests], given_ah, longest_ah)
     alike = [file for file in near if is_same_degc(file.temperature_degc, degc, is_strict=True)]
     for candidates in (alike, near):
         serving = [file for file in candidates if file.serves("OCV test")]
@@ -89,9 +85,8 @@ def _first_cell(
     by_itself = itertools.product(sets, dict.fromkeys((given_ah, None)))
     by_longest = itertools.product(sets, [longest_ah] if longest_ah else [])
     for tests, capacity_ah in itertools.chain(by_itself, by_longest):
-        sweeps = [find_sweeps(test.record, capacity_ah) for test in tests if test.is_record]
-        tables = [test.table for test in tests if not test.is_record]
-        cell = cell_of(sweeps, tables, capacity_ah)
+        contents = [test.record if test.is_record else test.table for test in tests]
+        cell = cell_of(contents, capacity_ah)
         if isinstance(cell, CellModel):
             return OcvChoice(tuple(tests), cell, capacity_ah)
         reason = reason or cell
@@ -210,11 +205,12 @@ def _prepared(
 ) -> PreparedRecord | InputError:
     """A record made ready to be simulated, as one that starts full or not; or why it cannot be."""
     try:
+        # A start that was given may lie outside the record.
         capacity_ah = record_capacity_ah(file, window, choice, is_full)
-        counted = replace(window, capacity_ah=capacity_ah)
-        return prepare_record(file.record, choice.cell, "so-rc", counted)
     except InputError as problem:
         return problem
+    counted = replace(window, capacity_ah=capacity_ah)
+    return try_record(file.record, choice.cell, "so-rc", counted)
 
 
 def _goes_on(before: CandidateFile, file: CandidateFile, choice: OcvChoice) -> bool:

@@ -16,18 +16,8 @@ from ..cell import CellModel, characterize_over_temperature, read_ocv_test
 from ..cell.model import REFERENCE_DEGC, group_near
 from ..errors import InputError
 from ..execution import unwatched
-from ..inputs import (
-    file_names,
-    given_ah_of,
-    how_read,
-    listed,
-    numbered,
-    require_voltages,
-    source_of,
-    window_of,
-    windows_by_name,
-)
-from ..job import PLANNED, Job
+from ..inputs import file_names, listed, named_source, require_voltages
+from ..job import PLANNED, Job, window_of, windows_by_name
 from ..model.window import Window, temperature_of
 from ..pulses import Pulse, first_pulse
 from ..records import Record, Source, read_record, read_source
@@ -89,7 +79,7 @@ def plan_given(job: Job, command: Literal["identify", "hppc"] = "identify") -> P
             # What the checks alone refuse can be read.
             read_ocv_test(file.readable, **file.how)
     tests = [file for file in looked["OCV test"] if not file.refusal]
-    draft, choices = Draft([*of_role], given_ah=given_ah_of(job)), dict[CandidateFile, OcvChoice]()
+    draft, choices = Draft([*of_role], given_ah=job.given_ah), dict[CandidateFile, OcvChoice]()
     for file, role in of_role.items():
         if command == "hppc" and role == "identification":
             draft.starts[file] = Started(file.chosen)
@@ -170,8 +160,7 @@ def _sources(made: Plan, role: Use, reading: Reading) -> list[Any]:
 def _source(part: Part, reading: Reading) -> Any:
     if part.span_s is None and part.sampling is None and not part.more:
         return part.source or part.path
-    how: dict[str, Any] = {"columns": reading.columns, "series": reading.series}
-    source = part.source or joined([read_source(path, **how) for path in part.paths])
+    source = part.source or joined([read_source(path, **reading.of_tables) for path in part.paths])
     source = replace(source, name=part.name, span_s=part.span_s)
     if part.sampling is None:
         return source
@@ -201,7 +190,7 @@ def prepare_pulse_tests(job: Asked) -> Asked:
             # A polynomial would swing between ten points, whatever was asked for.
             fit: dict[str, Any] = {"ocv_fit": "interpolated"}
             records = {degc: [alike[0].record] for degc, alike in by_degc.items()}
-            cell = characterize_over_temperature(records, capacity_ah=given_ah_of(job), **fit)
+            cell = characterize_over_temperature(records, capacity_ah=job.given_ah, **fit)
             sources = [alike[0].source for alike in by_degc.values()]
             job = job.changed(ocv=sources, ocv_current_sign=job.current_sign, **fit)
         # From the rest before the first pulse on, but where something else is chosen.
@@ -215,13 +204,11 @@ def prepare_pulse_tests(job: Asked) -> Asked:
 
 def _read(given: Sequence[Any], reading: Reading) -> list[_Test]:
     """Every test once. Raises `InputError` where one has no pulses."""
-    names = file_names(given)
-    tests: list[_Test] = []
-    called: dict[str, int] = {}
+    names, called, tests = file_names(given), dict[str, int](), list[_Test]()
     for file in given:
-        is_record = isinstance(file, Record)
-        source = numbered(file if is_record else source_of(file, names, reading), called)
-        record = source if is_record else read_record(source, **how_read(reading, source.name))
+        source = named_source(file, "identification", names, called, reading)
+        is_record = isinstance(source, Record)
+        record = source if is_record else read_record(source, **reading.of_record(source.name))
         require_voltages([record])
         pulse = first_pulse(record)
         if pulse is None:

@@ -74,7 +74,11 @@ def search_and_assess(
         by_circuit = partial(evaluate, parameters=parameters)
         validated = setup.validation(problem.circuit)
         constant = Evaluations.of(by_circuit, problem.prepared_records, validated)
-        of_tables = None if tables is None else _evaluated(setup, tables)
+        of_tables = None
+        if tables is not None:
+            records = (setup.chosen.objective if setup.chosen else problem).prepared_records
+            validated = setup.validation(records[0].circuit)
+            of_tables = Evaluations.of(tables.evaluate, records, validated)
     other = _resampled(problem, parameters)
     assessment = None
     with watch("Assessing", 0):
@@ -205,12 +209,6 @@ def _fitted(setup: Setup) -> TableFits:
         groups = [group for _, group in sorted(group_by_temperature(records).items())]
     level = tuple(with_level_ends(fit, group) for fit, group in zip(fits, groups, strict=True))
     return replace(fits, fits=level)
-
-
-def _evaluated(setup: Setup, tables: TableFits) -> Evaluations:
-    """The tables on every record, each at its own temperature."""
-    records = (setup.chosen.objective if setup.chosen else setup.problem).prepared_records
-    return Evaluations.of(tables.evaluate, records, setup.validation(records[0].circuit))
 
 
 def _candidates(

@@ -32,7 +32,7 @@ from .settings import (
 )
 
 Asked = ParamSpec("Asked")
-Found = TypeVar("Found")
+Value = TypeVar("Value")
 AnyJob = TypeVar("AnyJob", bound="Job")
 
 
@@ -139,7 +139,7 @@ class Job(TableOptions, CellSettings, Reading, Scope, Settings):
         window."""
         return window_of(self.window, "").capacity_ah if self.capacity is None else self.capacity
 
-    def part(self, kind: Callable[..., Found]) -> Found:
+    def part(self, kind: Callable[..., Value]) -> Value:
         """The options of one kind, such as `Reading`, by themselves."""
         return kind(**{one.name: getattr(self, one.name) for one in fields(kind)})  # pyrefly: ignore
 
@@ -202,12 +202,12 @@ def require_value(name: str, value: Any) -> None:
 
 def takes_options(
     make: Callable[Asked, AnyJob],
-) -> Callable[[Callable[[AnyJob], Found]], Callable[Asked, Found]]:
+) -> Callable[[Callable[[AnyJob], Value]], Callable[Asked, Value]]:
     """Lets a function of a job be called with the job's own options, each with its type."""
 
-    def decorate(run: Callable[[AnyJob], Found]) -> Callable[Asked, Found]:
+    def decorate(run: Callable[[AnyJob], Value]) -> Callable[Asked, Value]:
         @functools.wraps(run)
-        def function(*given: Asked.args, **options: Asked.kwargs) -> Found:
+        def function(*given: Asked.args, **options: Asked.kwargs) -> Value:
             if given and isinstance(given[0], Job):
                 # Of a job of another kind, what both have.
                 names = inspect.signature(make).parameters

@@ -209,7 +209,7 @@ def _as_counted(
         return inputs
     counted_ah = [windows[name].capacity_ah or 0.0 for name in names]
     pairs = zip(counted_ah, by_test, strict=True)
-    share = sum(own_ah / level.given_capacity_ah for own_ah, level in pairs) / len(names)
+    share = sum(record_ah / level.given_capacity_ah for record_ah, level in pairs) / len(names)
 
     def counted(cell: CellModel) -> CellModel:
         return replace(
@@ -266,16 +266,14 @@ def identify_problem(
 def _with_warnings(result: Result, problem: Problem, inputs: Inputs | None = None) -> Result:
     """The result with every warning once, in the order of the flow; its own are those of its
     assessment."""
-    identified = result.evaluations.identification
-    warnings = list[Notice]()
-    if inputs is not None:
-        warnings += [warning for record in inputs.ocv for warning in record.warnings]
-        warnings += inputs.warnings
-    warnings += problem.warnings
-    for evaluation in result.without_tables().evaluations.identification:
-        if (r2 := evaluation.metrics.r2) < 0:
-            name = evaluation.prepared.record.name
-            warnings.append(Notice("answer.worse-than-constant", {"r2": r2}, name))
+    identified, of_constant = result.evaluations.identification, result.without_tables().evaluations
+    of_tests = [one for test in inputs.ocv for one in test.warnings] if inputs else []
+    warnings = [*of_tests, *(inputs.warnings if inputs else ()), *problem.warnings]
+    warnings += [
+        Notice("answer.worse-than-constant", {"r2": one.metrics.r2}, one.prepared.record.name)
+        for one in of_constant.identification
+        if one.metrics.r2 < 0
+    ]
     records = [(one.prepared.record, one.prepared.temperature_degc) for one in identified]
     warnings += compare_resistances(records)
     fits, constant = result.tables, result.constant
@@ -285,12 +283,10 @@ def _with_warnings(result: Result, problem: Problem, inputs: Inputs | None = Non
         for fact in facts
         if fact.name == R0 and fact.is_assessed and fact.value and (fact.is_mean or not fits)
     ]
-    for evaluation in identified:
-        parameters = constant.parameters if fits is None else fits.of(evaluation.prepared)
-        warnings += step_warnings(evaluation, parameters, *lower_ends)
-    for evaluation in result.without_tables().evaluations.validation:
-        warnings += [*evaluation.prepared.record.warnings, *evaluation.prepared.warnings]
-        warnings += rest_warnings(evaluation.prepared)
+    for one in identified:
+        warnings += step_warnings(one, result.fits.of(one.prepared), *lower_ends)
+    for prepared in (one.prepared for one in of_constant.validation):
+        warnings += [*prepared.record.warnings, *prepared.warnings, *rest_warnings(prepared)]
     if result.tables is None:
         warnings += [
             Notice("answer.at-bound", {"name": hit.name, "side": hit.side})

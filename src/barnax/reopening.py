@@ -41,11 +41,6 @@ PART = re.compile(r"#\d+$")
 Data = str | Path | Sequence[str | Path] | Mapping[str, Given]
 
 
-def file_of(name: str) -> str:
-    """The name of the file that a record, or a part of one, was read from."""
-    return PART.sub("", name)
-
-
 @dataclass(frozen=True)
 class StoredInputs:
     """The inputs of a stored result: given by their names, or looked for in folders, and where the
@@ -88,7 +83,7 @@ class StoredInputs:
     def _files_of(self, part: InputPart) -> Source:
         """The file of a record, or those of its log. Raises `InputError` where one is not there."""
         digests = part.sha256.split() or [""]
-        names = file_of(part.name).rsplit(NEXT_FILE, len(digests) - 1)
+        names = PART.sub("", part.name).rsplit(NEXT_FILE, len(digests) - 1)
         files = [self.find(*file) for file in zip(names, digests, strict=True)]
         for file in files:
             if isinstance(file, Notice):

@@ -210,12 +210,11 @@ def _notice_of(stored: Any, read: Callable[[Any], StoredNotice]) -> Notice:
     values = {_LABEL.sub(_named, key): value for key, value in part.values.items()}
     where = part.subject, part.row, part.severity, part.sheet
     try:
-        notice = Notice(part.code, values, *where)
+        return Notice(part.code, values, *where)
     except (KeyError, TypeError, ValueError, OverflowError):
         # Of another version of barnax, or of nobody's: its words are taken as they are.
         text = "; ".join(filter(None, (part.what, part.remedy)))
         return Notice("stored.text", {"text": text}, *where)
-    return notice
 
 
 def _named(label: re.Match[str]) -> str:

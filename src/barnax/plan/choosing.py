@@ -7,11 +7,11 @@ from typing import Any
 
 from ..errors import InputError, counted, printable
 from ..inputs import listed
-from ..job import Job, takes_options, windows_by_name
+from ..job import Job, takes_options
 from ..notices import Notice
 from ..records import Given
 from ..records.source import files_of
-from ..settings import OVER_TEMPERATURE, Reading
+from ..settings import OVER_TEMPERATURE
 from .document import Plan, Use, named_degc
 from .draft import (
     Draft,
@@ -24,7 +24,7 @@ from .draft import (
     words_of,
 )
 from .looking import CandidateFile, Files, by_temperature, is_same_degc, look, split
-from .ocv import DIGITS, SHOWN, OcvChoice, Started, ocv_at, ocv_reason, record_capacity_ah
+from .ocv import DIGITS, SHOWN, OcvChoice, Started, ocv_at, ocv_reason, record_capacity_ah, sweeps_of
 
 # What is identified on, the kinds that show the most of a load first.
 _LOADS = ("drive cycle", "pulse test", "OCV test")
@@ -71,10 +71,8 @@ def plan(job: Job) -> Plan:
     free = [file for file in given if not _places([file]) & _places([*tests, *others])]
     if not free and (twice := [file for file in given if _places([file]) & _places(others)]):
         raise Notice("role.given-twice", {"same": "name"}, Path(twice[0]).name).error()
-    windows = windows_by_name(job.window)
     roles: dict[Use, Any] = {"identification": free, "OCV test": tests, "validation": others}
-    looked = look(roles, job.part(Reading), job.watch, windows)
-    free, tests, others = looked.values()
+    free, tests, others = look(roles, job).values()
     if all(file.refusal for file in (*free, *tests, *others)):
         raise InputError("\n".join(str(file.refusal) for file in (*free, *tests, *others)))
     # Of a folder some files may be anything; those whose role is given are meant.
@@ -367,5 +365,7 @@ def options_of(
         reason = f"the Ah that {record.name} takes out of the full cell; {test}"
     elif capacity_ah is None and choice.capacity_ah is not None:
         capacity_ah = float(f"{choice.capacity_ah:.{DIGITS}g}")
-        reason = choice.longest_reason
+        passed_ah = [f"{sweep.passed_ah:.4g}" for sweep in sweeps_of(choice.tests)]
+        why = f"passed {' and '.join(passed_ah)} Ah" if passed_ah else "has none"
+        reason = f"the Ah of the longest discharge, because the OCV test {why}"
     return ({}, {}) if capacity_ah is None else ({"capacity": capacity_ah}, {"capacity": reason})

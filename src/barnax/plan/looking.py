@@ -21,16 +21,15 @@ from ..checks import Role, check_file
 from ..checks.roles import SuggestedWindow
 from ..checks.traits import NO_TRAITS, Kind, Traits
 from ..errors import InputError
-from ..execution import Watch
 from ..inputs import file_names, name_of, named_source
-from ..job import window_of
-from ..model.window import START, Window, temperature_of
+from ..job import Job, window_of, windows_by_name
+from ..model.window import START, Window, Windows, merged, temperature_of
 from ..notices import refusal_of
 from ..records import Record, Source, read_record
 from ..records.log import NEXT_FILE, continuation, joined
 from ..records.record import TAPERED
 from ..settings import Reading
-from .document import Use, merged
+from .document import Use
 
 # Kinds of tests that have a role.
 SERVING = ("OCV test", "slow sweep", "pulse test", "drive cycle")
@@ -145,15 +144,10 @@ class CandidateFile:
 Files = Sequence[CandidateFile]
 
 
-def look(
-    given: Mapping[Use, Sequence[Any]],
-    reading: Reading,
-    watch: Watch,
-    windows: Mapping[str, Window],
-) -> dict[Use, list[CandidateFile]]:
-    """Every file once, in the order given, by the role that it is read for, with what `windows` say
-    of it; those of one log that was cut under load as one. One that cannot be read is told as
-    such."""
+def look(given: Mapping[Use, Sequence[Any]], job: Job) -> dict[Use, list[CandidateFile]]:
+    """Every file once, in the order given, by the role that it is read for, with what the windows
+    of a job say of it; those of one log that was cut under load as one. One that cannot be read is
+    told as such."""
     items = [item for several in given.values() for item in several]
     names, called = file_names(items), dict[str, int]()
     looked: dict[Use, list[CandidateFile]] = {role: [] for role in given}
@@ -162,14 +156,14 @@ def look(
             is_path = isinstance(item, str | Path)
             name = names[Path(item)] if is_path else name_of(item)
             file = CandidateFile(Path(item if is_path else name), name)
-            read = partial(named_source, item, role, names, called, reading)
-            with watch(f"Looking at {name}", 0):
-                looked[role].append(_looked_at(file, read, role, reading, windows))
+            read = partial(named_source, item, role, names, called, job)
+            with job.watch(f"Looking at {name}", 0):
+                looked[role].append(_looked_at(file, read, role, job, job.window))
     # What is said of a file by its name is said of it alone.
-    named = {*windows, *reading.lags_s} - {""}
-    common = {"": windows.get("", Window())}
+    named = {*windows_by_name(job.window), *job.lags_s} - {""}
+    common = window_of(job.window, "")
     for role in looked.keys() - {"OCV test"}:
-        look_at = partial(_looked_at, role=role, reading=reading, windows=common)
+        look_at = partial(_looked_at, role=role, reading=job, window=common)
         looked[role] = list(_whole_logs(looked[role], named, look_at))
     return looked
 
@@ -179,12 +173,12 @@ def _looked_at(
     read: Callable[[], Any],
     role: str,
     reading: Reading,
-    windows: Mapping[str, Window],
+    window: Windows,
 ) -> CandidateFile:
     """A file that is read, with what the checks tell of it; what refuses it is said of it."""
     try:
         source = read()
-        chosen = window_of(windows, source.name)
+        chosen = window_of(window, source.name)
         how = reading.of_record(source.name, role)
         file = replace(file, name=source.name, chosen=chosen, how=how)
         if isinstance(source, Source):

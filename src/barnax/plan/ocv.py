@@ -44,13 +44,6 @@ class OcvChoice:
     def tells_temperature(self) -> bool:
         return all(test.temperature_degc is not None for test in self.tests)
 
-    @property
-    def longest_reason(self) -> str:
-        """Why the capacity is that of the longest discharge, in words: the tests tell none."""
-        passed_ah = [f"{sweep.passed_ah:.4g}" for sweep in _sweeps(self.tests)]
-        why = f"passed {' and '.join(passed_ah)} Ah" if passed_ah else "has none"
-        return f"the Ah of the longest discharge, because the OCV test {why}"
-
 
 def ocv_at(
     degc: float | None, free: Files, tests: Files, given_ah: float | None
@@ -68,7 +61,7 @@ def ocv_at(
     alike = [file for file in near if is_same_degc(file.temperature_degc, degc, is_strict=True)]
     for candidates in (alike, near):
         serving = [file for file in candidates if file.serves("OCV test")]
-        max_ah = max((sweep.passed_ah for sweep in _sweeps(serving)), default=0.0)
+        max_ah = max((sweep.passed_ah for sweep in sweeps_of(serving)), default=0.0)
         sets = sorted(_sets(serving), key=lambda tests, max_ah=max_ah: _rank(tests, max_ah))
         choice = _first_cell(sets, given_ah, longest_ah)
         if isinstance(choice, OcvChoice):
@@ -96,7 +89,7 @@ def _first_cell(
 def ocv_reason(tests: Files, capacity_ah: float | None = None) -> str:
     """The sweeps of a set of tests, in words, with the capacity of the cell, or what they passed
     where none of theirs is used."""
-    sweeps = _sweeps(tests)
+    sweeps = sweeps_of(tests)
     if not sweeps:
         return "a table of OCV over state of charge"
     kinds = {
@@ -124,7 +117,7 @@ def _rank(tests: Files, max_ah: float) -> tuple:
     """Tests without holes come before others, both directions before one, tests that close before
     others, tests of their own before pulse tests, rests before slow sweeps, and many points before
     few."""
-    sweeps = _sweeps(tests)
+    sweeps = sweeps_of(tests)
     passed_ah = [sweep.passed_ah for sweep in sweeps] or [0.0]
     return (
         _hole_ah(sweeps, max_ah) > _HOLE * max_ah,
@@ -151,12 +144,12 @@ def _hole_ah(sweeps: Sequence[Sweep], max_ah: float) -> float:
     return max(gaps_ah)
 
 
-def _sweeps(tests: Files) -> list[Sweep]:
+def sweeps_of(tests: Files) -> list[Sweep]:
     return [sweep for test in tests for sweep in test.traits.sweeps]
 
 
 def _directions(tests: Files) -> set[int]:
-    return {sweep.direction for sweep in _sweeps(tests)}
+    return {sweep.direction for sweep in sweeps_of(tests)}
 
 
 class Started(NamedTuple):

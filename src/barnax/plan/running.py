@@ -7,7 +7,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
@@ -15,11 +15,10 @@ from ..bundled import BUNDLED
 from ..cell import CellModel, characterize_over_temperature, read_ocv_test
 from ..cell.model import REFERENCE_DEGC, group_near
 from ..errors import InputError
-from ..execution import unwatched
 from ..inputs import file_names, listed, named_source, require_voltages
 from ..job import PLANNED, Job, window_of, windows_by_name
 from ..model.window import Window, temperature_of
-from ..pulses import Pulse, first_pulse
+from ..pulses import first_pulse
 from ..records import Record, Source, read_record, read_source
 from ..records.log import joined
 from ..records.logger import Decision, Logger, SlowRows
@@ -69,8 +68,7 @@ def plan_given(job: Job, command: Literal["identify", "hppc"] = "identify") -> P
         files["OCV test"] = job.ocv if is_hppc else [*BUNDLED.ocv]
         files["validation"] = listed(job.validate) or BUNDLED.validation
     given = {role: listed(several) for role, several in files.items()}
-    windows = windows_by_name(job.window)
-    looked = look(given, job.part(Reading), job.watch, windows)
+    looked = look(given, job)
     of_role = {file: role for role, several in looked.items() for file in several}
     for file in of_role:
         if file.refusal and file.source is None:
@@ -103,7 +101,7 @@ def planned_window(
     record: Source | Record, cell: CellModel, reading: Reading, common: Window
 ) -> Window:
     """The window of a record to validate on a known cell, with what is known of it."""
-    (file,) = look({"validation": [record]}, reading, unwatched, {"": common})["validation"]
+    (file,) = look({"validation": [record]}, Job(reading=reading, window=common))["validation"]
     draft = Draft([file])
     draft.start_given(file, (), cell)
     return draft.window(file)
@@ -169,86 +167,73 @@ def _source(part: Part, reading: Reading) -> Any:
     return replace(source, logger=logger)
 
 
-class _Test(NamedTuple):
-    """One test: what was given, the record in it, and its first pulse, whose SOC is not known."""
-
-    source: Source | Record
-    record: Record
-    pulse: Pulse
-
-
 def prepare_pulse_tests(job: Asked) -> Asked:
     """The job of `identify` for pulse tests, as `barnax.hppc` describes.
 
     Raises `InputError` where a record has no pulses.
     """
+    given, chosen = listed(job.records), windows_by_name(job.window)
+    names, called, cell = file_names(given), dict[str, int](), None
     with job.watch("Finding pulses", 0):
-        tests = _read(listed(job.records), job)
-        chosen = windows_by_name(job.window)
-        by_degc, cell = group_near((_degc(test, chosen), test) for test in tests), None
+        sources = [named_source(one, "identification", names, called, job) for one in given]
+        tests = [(source, _pulse_test(source, job)) for source in sources]
+        at_degc = (temperature_of(record, window_of(chosen, record.name)) for _, record in tests)
+        degcs = (REFERENCE_DEGC if degc is None else degc for degc in at_degc)
+        by_degc = group_near(zip(degcs, tests, strict=True))
         if not listed(job.ocv):
             # A polynomial would swing between ten points, whatever was asked for.
             fit: dict[str, Any] = {"ocv_fit": "interpolated"}
-            records = {degc: [alike[0].record] for degc, alike in by_degc.items()}
+            first = {degc: alike[0] for degc, alike in by_degc.items()}
+            records = {degc: [record] for degc, (_, record) in first.items()}
             cell = characterize_over_temperature(records, capacity_ah=job.given_ah, **fit)
-            sources = [alike[0].source for alike in by_degc.values()]
-            job = job.changed(ocv=sources, ocv_current_sign=job.current_sign, **fit)
+            ocv = [source for source, _ in first.values()]
+            job = job.changed(ocv=ocv, ocv_current_sign=job.current_sign, **fit)
         # From the rest before the first pulse on, but where something else is chosen.
-        windows = {test.record.name: _pulse_window(test, cell, chosen) for test in tests}
+        windows = {record.name: _pulse_window(record, cell, chosen) for _, record in tests}
     return job.changed(
-        records=[test.source for test in tests],
+        records=sources,
         over=job.over or ("soc" if len(by_degc) == 1 else OVER_TEMPERATURE),
         window={"": window_of(chosen, ""), **chosen, **windows},
     )
 
 
-def _read(given: Sequence[Any], reading: Reading) -> list[_Test]:
-    """Every test once. Raises `InputError` where one has no pulses."""
-    names, called, tests = file_names(given), dict[str, int](), list[_Test]()
-    for file in given:
-        source = named_source(file, "identification", names, called, reading)
-        is_record = isinstance(source, Record)
-        record = source if is_record else read_record(source, **reading.of_record(source.name))
-        require_voltages([record])
-        pulse = first_pulse(record)
-        if pulse is None:
-            raise InputError(
-                f"{record.name}: has no pulses, of up to 2 min or a quarter of its charge, out of "
-                "rests of at least 5 min; barnax check says what it can be used for"
-            )
-        tests.append(_Test(source, record, pulse))
-    return tests
+def _pulse_test(source: Source | Record, reading: Reading) -> Record:
+    """A test that is read. Raises `InputError` where it has no pulses."""
+    is_record = isinstance(source, Record)
+    record = source if is_record else read_record(source, **reading.of_record(source.name))
+    require_voltages([record])
+    if first_pulse(record) is None:
+        raise InputError(
+            f"{record.name}: has no pulses, of up to 2 min or a quarter of its charge, out of "
+            "rests of at least 5 min; barnax check says what it can be used for"
+        )
+    return record
 
 
-def _degc(test: _Test, chosen: Mapping[str, Window]) -> float:
-    """The temperature given for a test, else its median; the reference where none is known."""
-    degc = temperature_of(test.record, window_of(chosen, test.record.name))
-    return REFERENCE_DEGC if degc is None else degc
-
-
-def _pulse_window(test: _Test, cell: CellModel | None, chosen: Mapping[str, Window]) -> Window:
+def _pulse_window(record: Record, cell: CellModel | None, chosen: Mapping[str, Window]) -> Window:
     """The window of a pulse test, from its first OCV point on, at that point's state of charge.
 
     Where the OCV is of another record, or `cell` is None, at the end of the rest before the first
     pulse. What is chosen stays.
     """
-    record = test.record
     window = window_of(chosen, record.name)
     if window.start_time_s is not None or window.start_after_step is not None:
         return window
     cell = None if cell is None else cell.at(temperature_of(record, window))
     points = [point for point in cell.points if point.source == record.name] if cell else []
-    if cell is not None and points:
-        first = min(points, key=lambda point: point.row)
-        at = int(np.searchsorted(record.row, first.row))
-        begun = replace(window, start_time_s=float(record.time_s[at]))
-        if window.initial_soc is None:
-            return replace(begun, initial_soc=min(max(first.soc, 0.0), 1.0))
+    if cell is None or not points:
+        pulse = first_pulse(record)
+        if pulse is None or window.initial_soc is not None:
+            return window
+        at = int(np.searchsorted(record.row, pulse.row)) - 1
+        return replace(window, start_time_s=float(record.time_s[at]))
+    first = min(points, key=lambda point: point.row)
+    at = int(np.searchsorted(record.row, first.row))
+    soc, source = min(max(first.soc, 0.0), 1.0), window.soc_source
+    if window.initial_soc is not None:
         # It is that of the first row.
         capacity_ah = window.capacity_ah or cell.capacity_ah
         soc = window.initial_soc - float(record.discharged_ah[at]) / capacity_ah
-        return replace(begun, initial_soc=soc, soc_source="given earlier")
-    if window.initial_soc is not None:
-        return window
-    at = int(np.searchsorted(record.row, test.pulse.row)) - 1
-    return replace(window, start_time_s=float(record.time_s[at]))
+        source = "given earlier"
+    begun = replace(window, start_time_s=float(record.time_s[at]))
+    return replace(begun, initial_soc=soc, soc_source=source)

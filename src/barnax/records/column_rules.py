@@ -89,7 +89,9 @@ def examine_columns(table: Table, file: str) -> tuple[dict[str, Column], list[No
             guess = replace(guess, quantity=QUANTITY_OF["date"], is_unit_assumed=False)
         if guess is not None:
             columns[quantity.name] = guess
-        missing.append(_Missing(quantity, likely, guess))
+        # Of a name that was given it is said that the table does not have it.
+        if quantity.name not in header.given:
+            missing.append(_Missing(quantity, likely, guess))
     if missing:
         findings.append(_missing_columns(table, missing, is_nameless))
     return columns, findings

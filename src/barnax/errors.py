@@ -5,7 +5,7 @@ import textwrap
 import unicodedata
 from collections.abc import Iterable
 from itertools import islice
-from typing import Any, get_args
+from typing import Any, Literal, get_args, get_origin
 
 # The code of a refusal that has none of its own.
 REFUSED = "input.refused"
@@ -51,14 +51,25 @@ def require_number(name: str, value: Any, hint: Any) -> None:
         )
 
 
-def require_choice(option: str, value: object, choices: Iterable[str]) -> None:
+def choices_in(hint: Any) -> tuple[str, ...]:
+    """The values that a type names.
+
+    >>> choices_in(Literal["nmc", "lfp"] | None), choices_in(int)
+    (('nmc', 'lfp'), ())
+    """
+    named = (get_args(one) for one in (hint, *get_args(hint)) if get_origin(one) is Literal)
+    return next(named, ())
+
+
+def require_choice(option: str, value: object, choices: Iterable[str | None]) -> None:
     """Raise `InputError` where an option's value is none of its choices.
 
     >>> require_choice("chemistry", "nmc", ("nmc", "lfp"))
     """
     allowed = tuple(choices)
     if value not in allowed:
-        raise InputError(f"`{option}` {value!r} is not known; there are {', '.join(allowed)}")
+        names = ", ".join(filter(None, allowed))
+        raise InputError(f"`{option}` {value!r} is not known; there are {names}")
 
 
 # An option in a message, with its value if it has one.

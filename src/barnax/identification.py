@@ -24,14 +24,7 @@ from .over_soc.fitted_ocv import compare_ocv
 from .over_soc.temperature import fit_temperatures, group_by_temperature
 from .pulses import pulses_of
 from .records.lag import answers_ohm, late_r0_ohm
-from .result_parts import (
-    Candidate,
-    ConstantPart,
-    InputPart,
-    MetricsBlock,
-    all_versions,
-    bands_by_soc,
-)
+from .result_parts import Candidate, ConstantPart, InputPart, MetricsBlock, bands_by_soc, versions
 from .results import Result
 from .run_setup import Setup
 from .search.answers import SAME_RMSE, Refinement
@@ -182,7 +175,7 @@ def make_result(
             *(InputPart.simulated("identification", one) for one in constant.identification),
             *(InputPart.simulated("validation", one) for one in constant.validation),
         ),
-        versions=all_versions(),
+        versions=versions(),
         **more,
     )
     result._evaluations = evaluations

@@ -14,22 +14,13 @@ from typing import TYPE_CHECKING, Any, ParamSpec, Self, TypeVar, get_type_hints
 
 from .cell import CellModel, get_circuit
 from .display import brief
-from .errors import InputError, require_choice, require_number
+from .errors import InputError, choices_in, require_choice, require_number
 from .execution import Watch, unwatched
 from .model.search_space import Range
 from .model.window import Window, Windows
 from .over_soc.settings import TableSettings
 from .records import Given
-from .settings import (
-    ARGS,
-    CellSettings,
-    Reading,
-    Scope,
-    Settings,
-    TableOptions,
-    choices_in,
-    explained,
-)
+from .settings import CellSettings, Reading, Scope, Settings, TableOptions
 
 Asked = ParamSpec("Asked")
 Value = TypeVar("Value")
@@ -200,6 +191,24 @@ def require_value(name: str, value: Any) -> None:
         require_choice(name, value, choices)
 
 
+# The section of a docstring that explains arguments.
+_ARGS = r"Args:\n((?:    .*(?:\n|$))+)"
+
+
+def explained(thing: Any) -> dict[str, str]:
+    """Explanations in docstrings of a function's arguments, or a class's fields and its bases'.
+
+    >>> explained(Settings)["iterations"]
+    'Generations (500).'
+    """
+    explanations: dict[str, str] = {}
+    for owner in getattr(thing, "__mro__", (thing,)):
+        section = re.search(_ARGS, inspect.cleandoc(owner.__doc__ or ""))
+        entries = re.findall(r"    (\w+): (.*(?:\n {8}.*)*)", section[1] if section else "")
+        explanations = {name: " ".join(text.split()) for name, text in entries} | explanations
+    return explanations
+
+
 def takes_options(
     make: Callable[Asked, AnyJob],
 ) -> Callable[[Callable[[AnyJob], Value]], Callable[Asked, Value]]:
@@ -219,7 +228,7 @@ def takes_options(
         more = {name: text for name, text in explained(make).items() if name not in described}
         lines = [f"    {name}: {text}\n" for name, text in more.items()]
         doc = inspect.cleandoc(run.__doc__ or "")
-        function.__doc__ = re.sub(ARGS, lambda match: match[0] + "".join(lines), doc)
+        function.__doc__ = re.sub(_ARGS, lambda match: match[0] + "".join(lines), doc)
         function.__signature__ = inspect.signature(make)  # pyrefly: ignore
         return function
 

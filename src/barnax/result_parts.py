@@ -15,6 +15,7 @@ from pydantic import AfterValidator, Field, ValidationInfo, field_validator, mod
 from .cell import CircuitParameters, OcvTable, get_circuit
 from .cell.model import SAME_DEGC
 from .cell.soc_axis import is_above
+from .errors import choices_in
 from .global_optimum.search import GlobalOptimum
 from .model.start import Start
 from .model.window import Window
@@ -27,7 +28,7 @@ from .records.fingerprint import Content, read_fingerprint
 from .schema import Count, Parameters, Part, Volts
 from .search.answers import AtBound, Refinement, Search
 from .search.evaluate import Evaluation, Evaluations, pooled
-from .settings import AutoHold, AutoSign, choices_in
+from .settings import AutoHold, AutoSign
 from .uncertainty import Assessment, Band, Estimate
 from .uncertainty.assessment import soc_bands
 
@@ -391,6 +392,6 @@ def bands_by_soc(evaluations: Sequence[Evaluation]) -> tuple[Band, ...]:
 
 
 @functools.cache
-def all_versions() -> dict[str, str]:
+def versions() -> dict[str, str]:
     """The versions that can change a result's digits."""
     return {"python": sys.version.split()[0]} | {name: version(name) for name in VERSIONED}

@@ -20,14 +20,7 @@ from .over_soc.fit import TableFit
 from .over_soc.fits import TableFits
 from .over_soc.settings import table_name
 from .pulses import Pulse
-from .result_parts import (
-    Candidate,
-    CircuitName,
-    ConstantPart,
-    InputPart,
-    MetricsBlock,
-    PlannedFile,
-)
+from .result_parts import Candidate, CircuitName, ConstantPart, InputPart, MetricsBlock, PlannedFile
 from .schema import Document, NoticeField
 from .search.answers import AtBound
 from .search.evaluate import Evaluation, Evaluations

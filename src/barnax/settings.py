@@ -3,14 +3,12 @@
 `Job` has them all by these names; the command line makes its options of them, and their help of the
 lines of `Args`. Nothing heavy is loaded here."""
 
-import inspect
 import math
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, get_args, get_origin
+from typing import Any, Literal
 
-from .errors import InputError, require_number
+from .errors import InputError, choices_in, require_choice, require_number
 
 AutoSign = Literal["auto", "charge-positive", "discharge-positive"]
 AutoHold = Literal["auto", "forward", "backward", "centered"]
@@ -30,8 +28,6 @@ SocSource = Literal[
     "own span", "registered", "fitted", "given earlier",
 ]  # fmt: skip
 OVER_TEMPERATURE: Over = "soc,temperature"
-# The section of a docstring that explains arguments.
-ARGS = r"Args:\n((?:    .*(?:\n|$))+)"
 # What a search may be asked for: more than fits a computer's memory is refused before any work.
 LIMITS = {
     "seeds": (0, 100_000),
@@ -95,10 +91,7 @@ class Settings:
             value = getattr(self, name)
             if not least <= value <= most:
                 raise InputError(f"`{name}` {value:,} must be between {least:,} and {most:,}")
-        if self.over not in (None, "soc", OVER_TEMPERATURE):
-            raise InputError(
-                f"`over` {self.over!r} is not known; there are 'soc' and {OVER_TEMPERATURE!r}"
-            )
+        require_choice("over", self.over, (*choices_in(Over), None))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,12 +137,16 @@ class Reading:
             # A file's name may hold commas and equality signs.
             parts = (str(text).rpartition("=") for text in several)
             given = {name: lag_s for name, _, lag_s in parts}
-        lags_s = {name: as_number(lag) for name, lag in given.items()}
-        for name, lag_s in lags_s.items():
-            if not math.isfinite(lag_s):
+        lags_s = {}
+        for name, lag in given.items():
+            try:
+                lags_s[name] = float(lag)
+            except ValueError:
+                lags_s[name] = math.nan
+            if not math.isfinite(lags_s[name]):
                 raise InputError(
-                    f"`voltage_lag` {str(given[name])!r}: write it like 0.3, or FILE=0.3 for one "
-                    "of the records"
+                    f"`voltage_lag` {str(lag)!r}: write it like 0.3, or FILE=0.3 for one of the "
+                    "records"
                 )
         return lags_s
 
@@ -270,14 +267,6 @@ WINDOW_OPTIONS: dict[str, tuple[str, Callable[[str], Any], str]] = {
 
 # What is no cell's temperature is of another unit, or of a sensor that is not there.
 CELL_DEGC = (-100.0, 200.0)
-
-
-def as_number(given: Any) -> float:
-    """A number that was given, as one or as text; NaN where it is none."""
-    try:
-        return float(given)
-    except ValueError:
-        return math.nan
 
 
 def is_temperature(degc: float) -> bool:
@@ -413,27 +402,3 @@ class Window:
             capacity_ah=self.capacity_ah,
             temperature_degc=self.temperature_degc,
         )
-
-
-def choices_in(hint: Any) -> tuple[str, ...]:
-    """The values that a type names.
-
-    >>> choices_in(Over | None), choices_in(int)
-    (('soc', 'soc,temperature'), ())
-    """
-    named = (get_args(one) for one in (hint, *get_args(hint)) if get_origin(one) is Literal)
-    return next(named, ())
-
-
-def explained(thing: Any) -> dict[str, str]:
-    """Explanations in docstrings of a function's arguments, or a class's fields and its bases'.
-
-    >>> explained(Settings)["iterations"]
-    'Generations (500).'
-    """
-    explanations: dict[str, str] = {}
-    for owner in getattr(thing, "__mro__", (thing,)):
-        section = re.search(ARGS, inspect.cleandoc(owner.__doc__ or ""))
-        entries = re.findall(r"    (\w+): (.*(?:\n {8}.*)*)", section[1] if section else "")
-        explanations = {name: " ".join(text.split()) for name, text in entries} | explanations
-    return explanations

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple, dataclass_transform, get_args, get_type_hint
 import typer
 from typer.core import TyperCommand
 
-from ..errors import InputError
+from ..errors import InputError, choices_in
 from ..files import restore
 from ..settings import (
     WINDOW_OPTIONS,
@@ -31,7 +31,6 @@ from ..settings import (
     Settings,
     TableOptions,
     Window,
-    choices_in,
 )
 from .session import RESEARCH, as_flags
 

@@ -25,7 +25,7 @@ from ..model.problem import Problem, applicable_to, make_problem
 from ..model.search_space import Kind, Range, Scale, ranges_of
 from ..model.window import Window
 from ..records import Record
-from ..result_parts import InputPart, all_versions
+from ..result_parts import InputPart, versions
 from ..run_setup import problem_of, set_up, settled
 from ..search.evaluate import evaluate, evaluate_from_either
 from ..search.refine import FINAL_ROUNDS, FINAL_TOLERANCE, Descent, at_bound
@@ -159,7 +159,7 @@ def compare(
         cell=first.cell,
         inputs=tuple(inputs or [InputPart.of("identification", first.prepared.record)]),
         warnings=tuple(dict.fromkeys(notices)),
-        versions=all_versions(),
+        versions=versions(),
     )
 
 

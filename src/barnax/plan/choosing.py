@@ -1,11 +1,11 @@
 """The plan of some files: which temperature, which OCV test, and what is identified on what."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ..errors import InputError, counted, printable
+from ..errors import InputError
 from ..inputs import listed
 from ..job import Job, takes_options
 from ..notices import Notice
@@ -13,18 +13,18 @@ from ..records import Given
 from ..records.source import files_of
 from ..settings import OVER_TEMPERATURE
 from .document import Plan, Use, named_degc
-from .draft import (
-    Draft,
-    another_cell,
-    cells_by_folder,
-    copies_of,
-    of_other_cells,
-    passed_ah,
-    why_useless,
-    words_of,
-)
+from .draft import Draft, another_cell, copies_of, of_other_cells, plan_of_cells, why_useless
 from .looking import CandidateFile, Files, by_temperature, is_same_degc, look, split
-from .ocv import DIGITS, SHOWN, OcvChoice, Started, ocv_at, ocv_reason, record_capacity_ah, sweeps_of
+from .ocv import (
+    DIGITS,
+    SHOWN,
+    OcvChoice,
+    Started,
+    ocv_at,
+    ocv_reason,
+    record_capacity_ah,
+    sweeps_of,
+)
 
 # What is identified on, the kinds that show the most of a load first.
 _LOADS = ("drive cycle", "pulse test", "OCV test")
@@ -112,8 +112,8 @@ def _decide(draft: Draft, tests: Files, others: Files) -> Plan:
     for file in tests:
         draft.take(file, "OCV test", "given")
     if not tests:
-        if len(cells := cells_by_folder(free)) > 1:
-            return _of_several_cells(draft, cells)
+        if (several := plan_of_cells(draft)) is not None:
+            return several
         draft.leave(of_other_cells(free, draft.given_ah))
     free = draft.free
     records = [file for file in free if file.serves("identification")]
@@ -151,7 +151,7 @@ def _decide(draft: Draft, tests: Files, others: Files) -> Plan:
     record = runs[0]
     is_pulse_test = is_pulsed and choice.tests == (record,)
     why = f"{ocv_reason([record], choice.cell.capacity_ah)}; " if is_pulse_test else ""
-    draft.take(record, "identification", why + words_of(draft, record))
+    draft.take(record, "identification", why + draft.words_of(record))
     draft.take_tests(choice)
     if draft.is_over or is_pulsed:
         runs = [record, *(file for file in runs if file not in draft.taken)]
@@ -165,20 +165,6 @@ def _decide(draft: Draft, tests: Files, others: Files) -> Plan:
     _leave_others(draft, choice, chosen)
     options, reasons = ({}, {}) if is_pulse_test else options_of(draft, runs, choice)
     return Plan("hppc" if is_pulsed else "identify", draft.parts(), options, reasons)
-
-
-def _of_several_cells(draft: Draft, cells: Mapping[Path, Files]) -> Plan:
-    """A plan that lists the cells of a folder and asks for one."""
-    listing = []
-    for folder, inside in cells.items():
-        capacity_ah = max(map(passed_ah, inside))
-        files = counted(len(inside), "file")
-        listing.append(f"{printable(str(folder))} ({capacity_ah:.4g} Ah, {files})")
-        draft.leave(dict.fromkeys(inside, f"of the cell in {printable(folder.name)}"))
-    draft.leave(dict.fromkeys(draft.free, "beside the folders of several cells"))
-    asked = "give the folder of one to barnax identify, or all to barnax fleet"
-    missing = f"these are files of {len(cells)} cells, {', '.join(listing)}; {asked}"
-    return Plan("identify", draft.parts(), missing=missing)
 
 
 def _on_records(draft: Draft, groups: Sequence[Files]) -> Plan | None:
@@ -198,7 +184,7 @@ def _on_records(draft: Draft, groups: Sequence[Files]) -> Plan | None:
             if missing := file.missing_for(draft.given_ah):
                 draft.take(file, "validation", f"too little to identify on: {missing}")
             else:
-                reason = "; ".join(filter(None, (words_of(draft, file), why)))
+                reason = "; ".join(filter(None, (draft.words_of(file), why)))
                 draft.take(file, "identification", reason)
         if draft.is_over:
             draft.tell_temperatures()
@@ -279,7 +265,7 @@ def _choose_validation(draft: Draft, record: CandidateFile, others: Files) -> No
     """Another profile of the same temperature before the same one again, and the widest of them."""
     file = min(others, key=lambda file: (file.is_like(record), -file.traits.reach_ah))
     which = "the same profile again" if file.is_like(record) else "another profile"
-    draft.take(file, "validation", f"{which}: {words_of(draft, file)}")
+    draft.take(file, "validation", f"{which}: {draft.words_of(file)}")
     reason = "equally suitable; add it with `validate` to validate on it too"
     draft.leave(dict.fromkeys(others, reason))
 
@@ -291,10 +277,10 @@ def _take_others(draft: Draft, others: Files, capacity_ah: float) -> None:
         if missing := file.missing_for(capacity_ah):
             draft.take(file, "validation", f"too little to identify on: {missing}")
         elif file.kind(None) == "pulse test":
-            reason = f"pulses, to predict from the drive: {words_of(draft, file)}"
+            reason = f"pulses, to predict from the drive: {draft.words_of(file)}"
             draft.take(file, "validation", reason)
         else:
-            draft.take(file, "identification", words_of(draft, file))
+            draft.take(file, "identification", draft.words_of(file))
 
 
 def _take_charges(draft: Draft, record: CandidateFile, choice: OcvChoice) -> None:
@@ -322,7 +308,7 @@ def _take_other_temperatures(
         if test is None or not (test.tells_temperature and choice.tells_temperature):
             test = choice
         for file in _runnable(draft, dated, test, is_pulsed)[:1]:
-            why = f"for tables over temperature too: {words_of(draft, file)}"
+            why = f"for tables over temperature too: {draft.words_of(file)}"
             draft.take(file, "identification", why)
             draft.take_tests(test)
     draft.tell_temperatures()

@@ -9,11 +9,11 @@ from pathlib import Path
 
 from ..cell import CellModel
 from ..checks.traits import LEAST_SHARE
-from ..errors import InputError
+from ..errors import InputError, counted, printable
 from ..model.window import Window
 from ..notices import Notice
 from ..records.fingerprint import Content
-from .document import ROLES, SIMULATED, Part, Use
+from .document import ROLES, SIMULATED, Part, Plan, Use
 from .looking import CandidateFile, Files, is_same_degc
 from .ocv import SHOWN, OcvChoice, Started, ocv_at, ocv_reason, started
 
@@ -85,6 +85,12 @@ class Draft:
         self.starts[file] = start
         return ""
 
+    def words_of(self, file: CandidateFile) -> str:
+        """Why a record serves, as the checks say, and where its start is known from."""
+        roles = (name for name in ("identification", "validation") if file.serves(name))
+        role = next(roles, None)
+        return "" if role is None else file.roles[role].reason + self.starts.get(file, SHOWN).words
+
     def tell_temperatures(self) -> None:
         """Put the temperature that a name tells into the windows of records without a column."""
         for file, (role, reason, window) in self.taken.items():
@@ -137,14 +143,6 @@ def another_cell(file: CandidateFile, capacity_ah: float | None) -> str:
     return f"it spans {span_ah:.3g} Ah, and the cell of the OCV test holds {capacity_ah:.3g} Ah"
 
 
-def words_of(draft: Draft, file: CandidateFile) -> str:
-    """Why a record serves, as the checks say, and where its start is known from."""
-    for name in ("identification", "validation"):
-        if file.serves(name):
-            return file.roles[name].reason + draft.starts.get(file, SHOWN).words
-    return ""
-
-
 def copies_of(files: Files, given: Files) -> dict[CandidateFile, Notice]:
     """The files whose bytes or samples another one has, and what says so.
 
@@ -172,21 +170,31 @@ def copies_of(files: Files, given: Files) -> dict[CandidateFile, Notice]:
     }
 
 
-def cells_by_folder(files: Files) -> dict[Path, Files]:
-    """The files of each cell, by their folder: folders that each hold a record, and the same OCV
-    test, are of different cells."""
-    folders: set[Path] = set()
+def plan_of_cells(draft: Draft) -> Plan | None:
+    """A plan that lists the cells of a folder and asks for one; None where they are of one cell.
+
+    Folders that each hold a record, and the same OCV test, are of different cells.
+    """
+    files, folders = draft.free, set[Path]()
     for one, other in permutations([file for file in files if passed_ah(file)], 2):
         if _is_repeated(one, other):
             apart = [folder for folder in one.path.parents if folder not in other.path.parents]
             folders |= set(apart[-1:])
     # Of folders in each other the inner ones.
-    cells: dict[Path, Files] = {}
-    for folder in sorted(folders - {outer for inner in folders for outer in inner.parents}):
-        inside = [file for file in files if folder in file.path.parents]
-        if _records(inside):
-            cells[folder] = inside
-    return cells
+    inner = folders - {outer for folder in folders for outer in folder.parents}
+    cells = {path: [one for one in files if path in one.path.parents] for path in sorted(inner)}
+    cells = {folder: inside for folder, inside in cells.items() if _records(inside)}
+    if len(cells) < 2:
+        return None
+    listing = []
+    for folder, inside in cells.items():
+        capacity_ah, count = max(map(passed_ah, inside)), counted(len(inside), "file")
+        listing.append(f"{printable(str(folder))} ({capacity_ah:.4g} Ah, {count})")
+        draft.leave(dict.fromkeys(inside, f"of the cell in {printable(folder.name)}"))
+    draft.leave(dict.fromkeys(draft.free, "beside the folders of several cells"))
+    asked = "give the folder of one to barnax identify, or all to barnax fleet"
+    missing = f"these are files of {len(cells)} cells, {', '.join(listing)}; {asked}"
+    return Plan("identify", draft.parts(), missing=missing)
 
 
 def _is_repeated(one: CandidateFile, other: CandidateFile) -> bool:

@@ -10,8 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from .cell import CellModel, get_circuit
-from .cell.parameters import RATE
+from .cell import CellModel
 from .checks.against_cell import compare_resistances
 from .checks.roles import are_unfit
 from .checks.traits import MAX_HALF_WIDTH
@@ -27,7 +26,7 @@ from .notices import Notice
 from .optimizers import make_optimizer
 from .over_soc.fits import R0, require_temperature, table_warnings
 from .over_soc.problem import is_loaded
-from .over_soc.registration import counted_alike, register, register_alone, rest_warnings
+from .over_soc.registration import rest_warnings
 from .over_soc.settings import TableSettings
 from .over_soc.temperature import group_by_temperature, require_temperatures
 from .plan import plan_given, plan_of, planned
@@ -36,12 +35,10 @@ from .records.hold import sampled_as
 from .result_parts import InputPart
 from .results import Result
 from .run_setup import (
-    CONSTANT,
     Setup,
-    asks_for_constant,
-    bounded_tables,
     fitted_ocv_of,
     problem_of,
+    register_records,
     set_up,
     settled,
     with_joint_starts,
@@ -110,15 +107,15 @@ def with_ocv_test(job: Job, inputs: Inputs) -> tuple[Inputs, dict[str, Window], 
     records, between = _between_ends(given.cell, given.prepared_records)
     if given.is_compressible:
         # A box too wide to reduce records for is searched, not fitted to.
-        records = _registered(job, records)
-    registered = windows | {one.record.name: one.window for one in records}
-    inputs = _as_counted(inputs, windows, registered)
+        records = register_records(job, records)
+    moved = windows | {one.record.name: one.window for one in records}
+    inputs = _as_counted(inputs, windows, moved)
     inputs = replace(inputs, warnings=(*inputs.warnings, *between))
-    first = settled(given if registered == windows else problem_of(inputs, registered, job))
+    first = settled(given if moved == windows else problem_of(inputs, moved, job))
     if not job.keep_starts:
         first = with_joint_starts(first)
-        registered |= {one.record.name: one.window for one in first.prepared_records}
-    return _as_sampled(inputs, first), registered, first
+        moved |= {one.record.name: one.window for one in first.prepared_records}
+    return _as_sampled(inputs, first), moved, first
 
 
 def _with_fitted_ocv(
@@ -170,31 +167,6 @@ def _between_ends(
             at = {"low_soc": ends[0], "high_soc": ends[1]}
             notices.append(Notice("charge.between-ends", at, prepared.record.name))
     return counted, notices
-
-
-def _registered(job: Job, records: Sequence[PreparedRecord]) -> list[PreparedRecord]:
-    """The records, with what the OCV test tells of the start and capacity of those whose rests it
-    contradicts, and beside a constant circuit that is asked for, several of each other's; beside
-    one that is chosen they tell it once it is."""
-    circuit, chosen = job.model or CONSTANT, job.table_settings
-    has_no_amplitude = chosen.half_hysteresis and not get_circuit(circuit).has_rate
-    if chosen.keep_starts or not chosen.ocv_correction or has_no_amplitude:
-        return list(records)
-    tables = bounded_tables(job, but="[F]")
-    if not get_circuit(circuit).has_rate:
-        # A flat OCV is told by a circuit with a hysteresis, whose rate may be bounded.
-        bounds, fixed = dict(tables.bounds), dict(tables.fixed)
-        for given in (bounds, fixed):
-            given.pop(RATE, None)
-        tables = replace(tables, bounds=bounds, fixed=fixed)
-    alone = [
-        one
-        if one.circuit == circuit and one.window.registration is None
-        else replace(one, circuit=circuit).in_window(one.window.unregistered)
-        for one in records
-    ]
-    registered = counted_alike(alone, [register_alone(prepared, tables) for prepared in alone])
-    return register(registered, tables) if asks_for_constant(job) and registered[1:] else registered
 
 
 def _as_counted(

@@ -25,7 +25,14 @@ from .notices import Notice
 from .over_soc.fits import TableFits
 from .over_soc.fitted_ocv import FittedOcv, fit_temperatures_with_ocv, prove_with_ocv
 from .over_soc.problem import find_best, reduced_objective
-from .over_soc.registration import ROUNDS, SETTLED, with_start
+from .over_soc.registration import (
+    ROUNDS,
+    SETTLED,
+    counted_alike,
+    register,
+    register_alone,
+    with_start,
+)
 from .over_soc.settings import TableSettings
 from .over_soc.starts import Starts, UntestedRecords
 from .records import Record
@@ -204,6 +211,31 @@ def _on_windows(problem: Problem, registered: Sequence[PreparedRecord]) -> Probl
         return problem
     records = tuple(one.in_window(windows[one.record.name]) for one in problem.prepared_records)
     return replace(problem, prepared_records=records)
+
+
+def register_records(job: Job, records: Sequence[PreparedRecord]) -> list[PreparedRecord]:
+    """The records, with what the OCV test tells of the start and capacity of those whose rests it
+    contradicts, and beside a constant circuit that is asked for, several of each other's; beside
+    one that is chosen they tell it once it is."""
+    circuit, chosen = job.model or CONSTANT, job.table_settings
+    has_no_amplitude = chosen.half_hysteresis and not get_circuit(circuit).has_rate
+    if chosen.keep_starts or not chosen.ocv_correction or has_no_amplitude:
+        return list(records)
+    tables = bounded_tables(job, but="[F]")
+    if not get_circuit(circuit).has_rate:
+        # A flat OCV is told by a circuit with a hysteresis, whose rate may be bounded.
+        bounds, fixed = dict(tables.bounds), dict(tables.fixed)
+        for given in (bounds, fixed):
+            given.pop(RATE, None)
+        tables = replace(tables, bounds=bounds, fixed=fixed)
+    alone = [
+        one
+        if one.circuit == circuit and one.window.registration is None
+        else replace(one, circuit=circuit).in_window(one.window.unregistered)
+        for one in records
+    ]
+    by_test = counted_alike(alone, [register_alone(prepared, tables) for prepared in alone])
+    return register(by_test, tables) if asks_for_constant(job) and by_test[1:] else by_test
 
 
 def bounded_tables(job: Job, but: str | None = None) -> TableSettings:

@@ -129,8 +129,7 @@ class Reading:
 
     @property
     def lags_s(self) -> dict[str, float]:
-        """Lags of voltages by the name of the record, "" for all others. Raises `InputError` for
-        one that is no number."""
+        """Lags of voltages by the name of the record, "" for all others."""
         given = [] if self.voltage_lag is None else self.voltage_lag
         if not isinstance(given, Mapping):
             several = [given] if isinstance(given, str | float | int) else given
@@ -144,10 +143,8 @@ class Reading:
             except ValueError:
                 lags_s[name] = math.nan
             if not math.isfinite(lags_s[name]):
-                raise InputError(
-                    f"`voltage_lag` {str(lag)!r}: write it like 0.3, or FILE=0.3 for one of the "
-                    "records"
-                )
+                how = "write it like 0.3, or FILE=0.3 for one of the records"
+                raise InputError(f"`voltage_lag` {str(lag)!r}: {how}")
         return lags_s
 
     def of_record(self, name: str, role: str = "identification") -> dict[str, Any]:
@@ -242,11 +239,9 @@ class TableOptions:
     block_s: float = BLOCK_S
 
 
-def _numbers(text: str, kind: Callable[[str], Any], count: int | None = None) -> tuple[Any, ...]:
-    values = tuple(kind(part) for part in text.split(","))
-    if count is not None and len(values) != count:
-        raise ValueError(text)
-    return values
+def _pair(text: str) -> tuple[float, float]:
+    low, high = map(float, text.split(","))
+    return low, high
 
 
 # What is known of a record, as options and tables give it: the field it is of a `Window`, how its
@@ -258,10 +253,10 @@ WINDOW_OPTIONS: dict[str, tuple[str, Callable[[str], Any], str]] = {
     "start_after_step": ("start_after_step", int, "5"),
     "initial_soc": ("initial_soc", float, "0.9"),
     "initial_direction": ("initial_direction", int, "-1"),
-    "score_steps": ("score_steps", lambda text: _numbers(text, int), "7,8"),
+    "score_steps": ("score_steps", lambda text: tuple(map(int, text.split(","))), "7,8"),
     "score_from": ("score_from_s", float, "5"),
     "score_to": ("score_to_s", float, "5"),
-    "score_soc": ("score_soc", lambda text: _numbers(text, float, 2), "0.1,1"),
+    "score_soc": ("score_soc", _pair, "0.1,1"),
     "rest_current": ("rest_current_a", float, "5"),
 }
 

@@ -17,10 +17,11 @@ from barnax.over_soc.nuisances import reads_zero_at_rest
 from barnax.over_soc.problem import box_of
 from barnax.over_soc.registration import FAR_V, counted_alike, register_alone, rest_warnings
 from barnax.over_soc.settings import TableSettings
-from barnax.pipeline import _between_ends, _registered
+from barnax.pipeline import _between_ends
 from barnax.records import read_record
 from barnax.reporting.view import View
 from barnax.reporting.wording import sentences
+from barnax.run_setup import register_records
 from helpers.known_cell import FEW_NODES, R0_OHM, R_OHM, SMALL, TAU_S, cell_with_ocv, made, ocv_v
 from helpers.problems import drive_a, simulated_record
 from helpers.reference import drop_v, filtered_response, make_record
@@ -136,10 +137,10 @@ def test_a_bound_of_gamma_is_no_bound_of_a_circuit_without_it(emptied, monkeypat
         asked.append(box_of([prepared], tables))
         return prepared
 
-    monkeypatch.setattr("barnax.pipeline.register_alone", boxed)
+    monkeypatch.setattr("barnax.run_setup.register_alone", boxed)
     told = prepared_with(*emptied)
-    assert _registered(barnax.Job(**given), [told]) == [told]
-    _registered(barnax.Job(bounds={"tau1 [s]": (7.0, 8.0)}), [told])
+    assert register_records(barnax.Job(**given), [told]) == [told]
+    register_records(barnax.Job(bounds={"tau1 [s]": (7.0, 8.0)}), [told])
     assert RATE not in asked[0]
     assert asked[1]["tau1 [s]"] == (7.0, 8.0)
 

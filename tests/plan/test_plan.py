@@ -30,7 +30,7 @@ NAMES = {
 def looked_at_once():
     """Folders have the bundled files under the same names."""
     with pytest.MonkeyPatch.context() as patch:
-        for name in ("check_file", "read_record"):
+        for name in ("check_file", "read_ocv_test"):
             patch.setattr(looking, name, once(getattr(looking, name)))
         yield
 

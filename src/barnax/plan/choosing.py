@@ -94,11 +94,8 @@ def _decide(draft: Draft, tests: Files, others: Files) -> Plan:
     # Given files come first.
     given = (*tests, *others)
     for file in draft.files:
-        if file.refusal:
-            lines = str(file.refusal).splitlines()
-            draft.take(
-                file, "not used", "; ".join(one.removeprefix(f"{file.name}: ") for one in lines)
-            )
+        lines = [line.removeprefix(f"{file.name}: ") for line in str(file.refusal).splitlines()]
+        draft.leave({file: "; ".join(lines)} if file.refusal else {})
     copies = copies_of(draft.free, given)
     draft.leave({file: same.what for file, same in copies.items()})
     free = [file for file in draft.free if file not in given]
@@ -181,11 +178,7 @@ def _on_records(draft: Draft, groups: Sequence[Files]) -> Plan | None:
             alone = file is record and len(together) == 1
             its = "its OCV" if alone else "the OCV of its temperature" if draft.is_over else ""
             why = f"{its} is identified with it, because there is no OCV test" if its else ""
-            if missing := file.missing_for(draft.given_ah):
-                draft.take(file, "validation", f"too little to identify on: {missing}")
-            else:
-                reason = "; ".join(filter(None, (draft.words_of(file), why)))
-                draft.take(file, "identification", reason)
+            draft.take_record(file, draft.given_ah, why)
         if draft.is_over:
             draft.tell_temperatures()
         at = named_degc(record.temperature_degc)
@@ -274,13 +267,10 @@ def _take_others(draft: Draft, others: Files, capacity_ah: float) -> None:
     """All further records of the same temperature are identified on too, each left out once; those
     too poor for that are left to validate on."""
     for file in others:
-        if missing := file.missing_for(capacity_ah):
-            draft.take(file, "validation", f"too little to identify on: {missing}")
-        elif file.kind(None) == "pulse test":
+        if file.kind(None) == "pulse test" and not file.missing_for(capacity_ah):
             reason = f"pulses, to predict from the drive: {draft.words_of(file)}"
             draft.take(file, "validation", reason)
-        else:
-            draft.take(file, "identification", draft.words_of(file))
+        draft.take_record(file, capacity_ah)
 
 
 def _take_charges(draft: Draft, record: CandidateFile, choice: OcvChoice) -> None:

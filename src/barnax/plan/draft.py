@@ -57,6 +57,13 @@ class Draft:
         for file, reason in reasons.items():
             self.take(file, "not used", reason)
 
+    def take_record(self, file: CandidateFile, capacity_ah: float | None, why: str = "") -> None:
+        """Settle that a record is identified on, or validated on where it is too poor for that."""
+        if missing := file.missing_for(capacity_ah):
+            self.take(file, "validation", f"too little to identify on: {missing}")
+        reason = "; ".join(filter(None, (self.words_of(file), why)))
+        self.take(file, "identification", reason)
+
     def take_tests(self, choice: OcvChoice) -> None:
         """Settle the files of an OCV test."""
         self.tests |= dict.fromkeys(choice.tests)

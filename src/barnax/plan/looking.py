@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..cell import OcvTable, read_ocv_table
+from ..cell import OcvTable, read_ocv_test
 from ..cell.model import REFERENCE_DEGC, SAME_DEGC, group_near
 from ..checks import Role, check_file
 from ..checks.roles import SuggestedWindow
@@ -25,7 +25,7 @@ from ..inputs import file_names, name_of, named_source
 from ..job import Job, window_of, windows_by_name
 from ..model.window import START, Window, Windows, merged, temperature_of
 from ..notices import refusal_of
-from ..records import Record, Source, read_record
+from ..records import Record, Source
 from ..records.log import NEXT_FILE, continuation, joined
 from ..records.record import TAPERED
 from ..settings import Reading
@@ -95,14 +95,14 @@ class CandidateFile:
         return self.traits.missing_for(capacity_ah, is_validated) if self.is_record else ""
 
     @cached_property
-    def record(self) -> Record:
-        given = self.given if isinstance(self.given, Record) else None
-        return given or read_record(self.readable, **self.how)
+    def content(self) -> Record | OcvTable:
+        """What is in it. Raises `InputError` where that cannot be read."""
+        return self.given or read_ocv_test(self.readable, **self.how)
 
-    @cached_property
-    def table(self) -> OcvTable:
-        given = self.given if isinstance(self.given, OcvTable) else None
-        return given or read_ocv_table(self.readable)
+    @property
+    def record(self) -> Record:
+        assert isinstance(self.content, Record), "a table is asked for no samples"
+        return self.content
 
     @property
     def readable(self) -> Source:

@@ -78,8 +78,7 @@ def _first_cell(
     by_itself = itertools.product(sets, dict.fromkeys((given_ah, None)))
     by_longest = itertools.product(sets, [longest_ah] if longest_ah else [])
     for tests, capacity_ah in itertools.chain(by_itself, by_longest):
-        contents = [test.record if test.is_record else test.table for test in tests]
-        cell = cell_of(contents, capacity_ah)
+        cell = cell_of([test.content for test in tests], capacity_ah)
         if isinstance(cell, CellModel):
             return OcvChoice(tuple(tests), cell, capacity_ah)
         reason = reason or cell

@@ -12,7 +12,7 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 
 from ..bundled import BUNDLED
-from ..cell import CellModel, characterize_over_temperature, read_ocv_test
+from ..cell import CellModel, characterize_over_temperature
 from ..cell.model import REFERENCE_DEGC, group_near
 from ..errors import InputError
 from ..inputs import file_names, listed, named_source, require_voltages
@@ -75,7 +75,7 @@ def plan_given(job: Job, command: Literal["identify", "hppc"] = "identify") -> P
             raise file.refusal
         if file.refusal:
             # What the checks alone refuse can be read.
-            read_ocv_test(file.readable, **file.how)
+            _ = file.content
     tests = [file for file in looked["OCV test"] if not file.refusal]
     draft, choices = Draft([*of_role], given_ah=job.given_ah), dict[CandidateFile, OcvChoice]()
     for file, role in of_role.items():

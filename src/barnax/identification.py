@@ -89,13 +89,12 @@ def search_and_assess(
             given = problem, parameters, assessment
             examination = _attempt("fitting again", warnings, examine, *given)
             assessment = replace(assessment, examination=examination)
-    return make_result(
-        problem, (constant, of_tables), optimum, refinement,
-        tables=tables, assessment=assessment,
+    result = make_result(
+        problem, (constant, of_tables), optimum, refinement, tables=tables, assessment=assessment,
         hold_shift_ohm=None if other is None else other.r0 - parameters.r0,
-        candidates=_candidates(setup, optimum, constant, tables, of_tables),
         tried=setup.tried, warnings=tuple(warnings),
     )  # fmt: skip
+    return result.model_copy(update={"candidates": _candidates(setup, result)})
 
 
 def best_of(
@@ -204,29 +203,21 @@ def _fitted(setup: Setup) -> TableFits:
     return replace(fits, fits=level)
 
 
-def _candidates(
-    setup: Setup,
-    optimum: GlobalOptimum | None,
-    of_constant: Evaluations,
-    tables: TableFits | None,
-    of_tables: Evaluations | None,
-) -> tuple[Candidate, ...]:
+def _candidates(setup: Setup, result: Result) -> tuple[Candidate, ...]:
     """The constant circuit and the answer, with their errors."""
-    circuit = setup.problem.circuit
+    constant, tables = result.constant, result.tables
     held_out = {(one.circuit, one.nodes): one.held_out for one in setup.tried if not one.follows}
-    gap = None if optimum is None else optimum.proved_gap
-    is_answer = tables is None
-    constant = Candidate.of(circuit, None, of_constant, held_out.get((circuit, 1)), gap, is_answer)
-    if tables is None or of_tables is None:
-        return (constant,)
+    gap = constant.global_optimum and constant.global_optimum.proved_gap
+    proved = held_out.get((constant.model, 1)), gap, tables is None
+    of_constant = Candidate.of(constant.model, None, constant.metrics, *proved)
+    if tables is None:
+        return (of_constant,)
     crossed = tables.fits[0].cross_validation if tables.over_temperature is None else None
     proof = tables.over_temperature or tables.reference
-    circuit = of_tables.identification[0].prepared.circuit
-    answer = Candidate.of(
-        circuit, tables.over, of_tables, crossed and crossed.tables, proof.proved_gap, True
-    )
+    errors = crossed and crossed.tables, proof.proved_gap, True
+    answer = Candidate.of(result.model, tables.over, result.metrics, *errors)
     # Without an OCV test the constant circuit has an OCV that is fitted to the tables.
-    return (answer,) if setup.fits is not None else (constant, answer)
+    return (answer,) if setup.fits is not None else (of_constant, answer)
 
 
 def _assessed(

@@ -6,7 +6,6 @@ searched again, and what they leave of each record has to be what they left then
 
 import re
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -20,8 +19,8 @@ from .model.window import Window
 from .notices import Notice
 from .over_soc.fits import no_temperature
 from .over_soc.registration import rest_warnings
-from .plan import plan_from_toml
-from .records import Given, Record, Source, find_file, folders_around, read_record
+from .plan.document import folders_in
+from .records import Given, Record, find_file, folders_around, read_record
 from .records.fingerprint import Content, read_fingerprint
 from .records.log import NEXT_FILE, joined
 from .result_parts import InputPart, MetricsPart
@@ -75,26 +74,21 @@ class StoredInputs:
         # A pipe would be waited for, and a device read without end.
         if not self.plan.is_file() or self.plan.stat().st_size > LARGEST_PLAN:
             return ()
-        with suppress(InputError, ValueError, RecursionError):
-            paths = (path for part in plan_from_toml(self.plan).parts for path in part.paths)
-            return tuple({path.parent: None for path in paths})
-        return ()
-
-    def _files_of(self, part: InputPart) -> Source:
-        """The file of a record, or those of its log. Raises `InputError` where one is not there."""
-        digests = part.sha256.split() or [""]
-        names = PART.sub("", part.name).rsplit(NEXT_FILE, len(digests) - 1)
-        files = [self.find(*file) for file in zip(names, digests, strict=True)]
-        for file in files:
-            if isinstance(file, Notice):
-                raise file.error()
-        return joined([source_of(file, {}, self.reading) for file in files])
+        return folders_in(self.plan)
 
     def read(self, part: InputPart) -> Record:
         """A record as it was identified on. Raises `InputError` where it is not there any more."""
         given = self.given.get(part.name)
         if given is None:
-            given = self._files_of(part)
+            # It may be a log of several files.
+            digests = part.sha256.split() or [""]
+            names = PART.sub("", part.name).rsplit(NEXT_FILE, len(digests) - 1)
+            sources = []
+            for name, sha256 in zip(names, digests, strict=True):
+                if isinstance(file := self.find(name, sha256), Notice):
+                    raise file.error()
+                sources.append(source_of(file, {}, self.reading))
+            given = joined(sources)
         if not isinstance(given, Record):
             source = replace(source_of(given, {}, self.reading), name=part.name)
             if PART.search(part.name) and part.fingerprint:

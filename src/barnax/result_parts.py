@@ -153,12 +153,10 @@ class Candidate:
         return table_name(self.model, self.over)
 
     @classmethod
-    def of(cls, model: str, over: str | None, evaluations: Evaluations, *given: Any) -> "Candidate":
-        """The candidate with the errors of its evaluations."""
-        validation_v = tuple(one.metrics.rmse_v for one in evaluations.validation)
-        soc, error_v = scored_errors(evaluations.identification)
-        together = SocErrors.of([(error_v, soc)])
-        return cls(model, over, together, validation_v, *given)
+    def of(cls, model: str, over: str | None, metrics: MetricsBlock, *given: Any) -> "Candidate":
+        """The candidate with its errors."""
+        validation_v = tuple(errors.rmse_v for errors in metrics.validation)
+        return cls(model, over, metrics.identification.soc_errors, validation_v, *given)
 
 
 class InputPart(Part):

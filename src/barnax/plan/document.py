@@ -150,11 +150,11 @@ class Plan(Brief):
         A window for a record that is not simulated is left to be refused where the plan is run.
         """
         windows = windows_by_name(window)
-        common = windows.get("")
-        if common is not None and common.capacity_ah is not None:
+        common = windows.get("") or Window()
+        if common.capacity_ah is not None:
             # One for all records is an option of the whole run.
             options = {"capacity": common.capacity_ah, **options}
-            windows[""] = replace(common, capacity_ah=None)
+            windows[""] = common = replace(common, capacity_ah=None)
         parts = []
         for part in self.parts:
             chosen = window_of(windows, part.name)
@@ -168,7 +168,7 @@ class Plan(Brief):
             parts=tuple(parts),
             options={**self.options, **given},
             reasons={**self.reasons, **dict.fromkeys(given, GIVEN)},
-            window=merged(self.window, windows.get("", Window())),
+            window=merged(self.window, common),
         )
 
 
@@ -267,14 +267,9 @@ def plan_from_toml(path: str | Path) -> Plan:
     Raises `InputError` that names the file, the key and what it takes.
     """
     path = Path(path)
-    shown = printable(path.name)
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as problem:
-        reason = getattr(problem, "strerror", None) or toml_reason(problem)
-        raise InputError(
-            f"{shown}: cannot be read as a plan in TOML ({reason}); correct it"
-        ) from problem
+    shown, content = printable(path.name), _content(path)
+    if isinstance(content, InputError):
+        raise content
     listed = content.pop("files", [])
     command = content.pop("command", "identify")
     if command not in ("identify", "hppc"):
@@ -301,6 +296,28 @@ def plan_from_toml(path: str | Path) -> Plan:
     reasons = dict.fromkeys(options, GIVEN) | _read(shown, reasons, dict.fromkeys(options, str))
     parts, taken = _named(parts, path.parent)
     return Plan(command, parts, options, reasons, window=window, warnings=(*warnings, *taken))
+
+
+def _content(path: Path) -> dict[str, Any] | InputError:
+    """What stands in a TOML file, or why that cannot be read."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as problem:
+        reason = getattr(problem, "strerror", None) or toml_reason(problem)
+        how = f"cannot be read as a plan in TOML ({reason}); correct it"
+        return InputError(f"{printable(path.name)}: {how}")
+
+
+def folders_in(path: Path) -> tuple[Path, ...]:
+    """The folders of the files that a plan names, from its own and from where the command runs;
+    none of what is no plan."""
+    content = _content(path)
+    listed = content.get("files") if isinstance(content, dict) else None
+    tables = [one for one in listed if isinstance(one, dict)] if isinstance(listed, list) else []
+    given = (table.get("file") for table in tables)
+    several = (one if isinstance(one, list) else [one] for one in given)
+    files = [Path(one) for names in several for one in names if isinstance(one, str)]
+    return tuple(dict.fromkeys(at.parent for one in files for at in (path.parent / one, one)))
 
 
 def _part(shown: str, table: Mapping[str, Any], common: Window) -> Part:

@@ -260,9 +260,12 @@ def test_a_file_of_the_name_that_is_not_the_planned_one_is_not_taken(tmp_path, m
         ("ocv_fit = 'spline'\n", "ocv_fit is 'spline'; give 'polynomial' or 'interp"),
         ("capacity = 'x'\n", "plan.toml: capacity is 'x'; give a valid number"),
         ("colour = 1\n", "'colour' is not a key of a plan"),
-        ("command = 'fly'\n", "there are identify, hppc"),
+        ("command = 'fly'\n", "command is 'fly'; give 'identify' or 'hppc'"),
         ("[[files]]\nrole = 'validation'\n", r"has no 'file'"),
-        ("[[files]]\nfile = 'a'\nrole = 'other'\n", "there are identification, OCV test"),
+        (
+            "[[files]]\nfile = 'a'\nrole = 'other'\n",
+            "role is 'other'; give 'identification', 'OCV test'",
+        ),
         ("[[files]]\nfile = 'a'\nrole = 'validation'\n", "no file has the role identification"),
         (
             "[[files]]\nfile = 'a'\nrole = 'validation'\nscore_steps = 7\n",

@@ -192,12 +192,13 @@ _FIELD_OF = {_OPTION_OF[one.name]: one.name for one in fields(Window) if one.nam
 # What was found of a file: results tell it again.
 _FINDINGS = ("kind", "reason", "sha256", "temperature_degc", "plans_soc", "sampling")
 # The types of options of a record, of the run by the names of `barnax.identify` (one capacity for
-# all records is one too), and of what a file's table may hold.
+# all records is one too) beside what a plan has of its own, and of what a file's table may hold.
 _PART = get_type_hints(Part)
 _OF_RECORD = {option: get_type_hints(Window)[name] for option, name in _FIELD_OF.items()}
-_OF_RUN = {**_OF_RECORD, **{name: OPTIONS[name] for name in PLANNED}}
+_OF_PLAN = {"command": get_type_hints(Plan)["command"], "reasons": dict[str, str]}
+_OF_RUN = {**_OF_PLAN, **_OF_RECORD, **{name: OPTIONS[name] for name in PLANNED}}
 _OF_FILE = {
-    **{"file": str | tuple[str, ...], "name": str, "role": str, "span": _PART["span_s"]},
+    **{"file": str | tuple[str, ...], "name": str, "role": Use, "span": _PART["span_s"]},
     **_OF_RECORD,
     **{name: _PART[name] for name in _FINDINGS},
 }
@@ -271,13 +272,8 @@ def plan_from_toml(path: str | Path) -> Plan:
     if isinstance(content, InputError):
         raise content
     listed = content.pop("files", [])
-    command = content.pop("command", "identify")
-    if command not in ("identify", "hppc"):
-        raise InputError(f"{shown}: command {command!r} is not known; there are identify, hppc")
-    reasons = content.pop("reasons", {})
-    if not isinstance(reasons, dict):
-        raise InputError(f"{shown}: reasons must be a table, [reasons]")
     options = _read(shown, content, _OF_RUN)
+    command, reasons = options.pop("command", "identify"), options.pop("reasons", {})
     of_records = [name for name in _FIELD_OF if name in options and name not in PLANNED]
     common = {_FIELD_OF[name]: options.pop(name) for name in of_records}
     warnings: tuple[Notice, ...] = ()
@@ -327,10 +323,6 @@ def _part(shown: str, table: Mapping[str, Any], common: Window) -> Part:
         raise InputError(f"{shown}: a table [[files]] has no {missing[0]!r}")
     files, role = given.pop("file"), given.pop("role")
     file, *more = [files] if isinstance(files, str) else files
-    if role not in ROLES:
-        raise InputError(
-            f"{shown}: role {role!r} of {file} is not known; there are {', '.join(ROLES)}"
-        )
     name, span = given.pop("name", ""), given.pop("span", None)
     findings = {key: given.pop(key) for key in _FINDINGS if key in given}
     if span and not name:
@@ -339,8 +331,8 @@ def _part(shown: str, table: Mapping[str, Any], common: Window) -> Part:
         window = Window(**{_FIELD_OF[option]: value for option, value in given.items()})
     except InputError as problem:
         raise InputError(f"{shown}: {file}: {as_keys(str(problem))}") from problem
-    part = Part(Path(file), name, role, window=window, span_s=span, **findings)
-    part = replace(part, more=tuple(map(Path, more)))
+    paths = {"path": Path(file), "more": tuple(map(Path, more))}
+    part = Part(**paths, name=name, role=role, window=window, span_s=span, **findings)
     return replace(part, window=merged(common, window)) if part.is_simulated else part
 
 

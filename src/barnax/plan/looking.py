@@ -50,10 +50,10 @@ class CandidateFile:
     """One file that was looked at, with the facts that the checks tell of it.
 
     `more` are the further files of its log, and `evidence` says why they are. `refusal` says why it
-    cannot be read. `traits` are those of a record, and
-    `warnings` the number of those about it. `starts_full` says that the file shows a charge to full
-    right before this part of it, `chosen` what its user says of it, and `how` how it is read. What
-    is given as a record or table is `given`, and not looked at.
+    cannot be read. `traits` are those of a record, and `warnings` the number of those about it.
+    `starts_full` says that the file shows a charge to full right before this part of it, `chosen`
+    what its user says of it, and `how` how it is read. What is given as a record or table is
+    `given`, and not looked at.
     """
 
     path: Path
@@ -209,7 +209,9 @@ def _whole_logs(
     pairs = [
         (one, other, evidence)
         for one, other in permutations(pieces, 2)
-        if _may_be_one(one, other) and (evidence := continuation(one.record, other.record))
+        if one.path.parent == other.path.parent
+        and is_same_degc(one.temperature_degc, other.temperature_degc)
+        and (evidence := continuation(one.record, other.record))
     ]
     before = Counter(other for _, other, _ in pairs)
     after = Counter(one for one, _, _ in pairs)
@@ -227,14 +229,6 @@ def _whole_logs(
         whole = replace(first, more=more, evidence="; ".join(evidence))
         together = look_at(whole, partial(joined, [one.readable for one in log])) if more else first
         yield from log if together.refusal else [together]
-
-
-def _may_be_one(one: CandidateFile, other: CandidateFile) -> bool:
-    """True for files of one folder that are not at different temperatures."""
-    if one.path.parent != other.path.parent:
-        return False
-    first, second = one.temperature_degc, other.temperature_degc
-    return first is None or second is None or abs(first - second) <= SAME_DEGC
 
 
 def _checked(file: CandidateFile) -> CandidateFile:
@@ -308,7 +302,8 @@ def _part(file: CandidateFile, first: int, last: int, is_full: bool = False) -> 
         return replace(file, starts_full=is_full)
     time_s = file.record.time_s
     source = replace(file.readable, span_s=(float(time_s[first]), float(time_s[last])))
-    return _checked(replace(file, source=source, starts_full=is_full))
+    part = CandidateFile(file.path, file.name, source, file.more, file.evidence)
+    return _checked(replace(part, starts_full=is_full, chosen=file.chosen, how=file.how))
 
 
 def _between_charges(record: Record) -> Iterator[tuple[int, int, bool]]:

@@ -1,27 +1,24 @@
 """The answer of the bundled cell and of simulated ones: what was chosen, and what stands beside."""
 
-import io
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 import barnax
 from barnax.bundled import BUNDLED
 from barnax.cell import CircuitParameters
-from barnax.cli.session import as_flags
 from barnax.job import Job
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
 from barnax.over_soc.cross_validation import SocErrors
 from barnax.reporting.first_screen import first_screen
-from barnax.reporting.terminal import to_terminal
 from barnax.results import Result
 from barnax.search.evaluate import evaluate
 from barnax.uncertainty.assessment import soc_bands
 from helpers.problems import drive_a
 from helpers.reference import make_record
+from helpers.report_reader import screen_of
 
 
 @pytest.fixture(scope="module")
@@ -73,10 +70,7 @@ def test_a_proved_constant_circuit_stands_beside_the_tables(result):
 
 def test_the_first_screen_fits_a_terminal_and_nothing_is_to_be_mended(result):
     assert (result.warnings, result.notes) == ((), ())
-    console = Console(file=io.StringIO(), width=80, highlight=False)
-    for block in to_terminal(first_screen(result).with_option_names(as_flags)):
-        console.print(block)
-    lines = [line.rstrip() for line in console.file.getvalue().splitlines()]
+    lines = [line.rstrip() for line in screen_of(first_screen(result), width=80).splitlines()]
     # With the command that is next and the list of files there are three more.
     assert len(lines) <= 21
     assert max(map(len, lines)) <= 80

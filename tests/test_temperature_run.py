@@ -1,11 +1,9 @@
 """Tables over SOC and temperature from records to the screen: a made cell comes back."""
 
 import csv
-import io
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from barnax import Result
 from barnax.cell.parameters import OCV_CORRECTION
@@ -16,9 +14,9 @@ from barnax.reporting.first_screen import first_screen
 from barnax.reporting.identification import identification_document
 from barnax.reporting.parameters import tables_csv
 from barnax.reporting.render import to_markdown
-from barnax.reporting.terminal import to_terminal
 from barnax.reporting.wording import sentences
 from helpers.pulse_tests import CAPACITY_AH, TAU_S, made_record, r0_ohm
+from helpers.report_reader import screen_of
 
 NODES = (0.0, 0.25, 0.5, 0.75, 1.0)
 DEGC = (5.0, 25.0, 45.0)
@@ -59,13 +57,6 @@ def test_a_design_knows_only_what_was_measured_at_its_temperature(result):
         believed_of_result(result.at_temperature(5.0), 5.0)
 
 
-def shown(result: Result) -> str:
-    console = Console(width=80, record=True, file=io.StringIO())
-    for block in to_terminal(first_screen(result)):
-        console.print(block)
-    return console.export_text()
-
-
 def test_each_temperature_has_the_resistances_of_the_cell(result):
     part = result.tables
     assert part.over_temperature.temperatures_degc == DEGC
@@ -80,7 +71,7 @@ def test_each_temperature_has_the_resistances_of_the_cell(result):
 
 
 def test_an_error_of_a_temperature_left_out_stands_beside_what_was_not_measured(result):
-    text = shown(result)
+    text = screen_of(first_screen(result))
     left = result.tables.over_temperature.left_out[1]
     assert left.is_between
     assert f"{1e3 * left.errors.rmse_v:#.3g}" in text
@@ -92,11 +83,11 @@ def test_an_error_of_a_temperature_left_out_stands_beside_what_was_not_measured(
 
 
 def test_what_is_stored_says_the_same_and_takes_a_record_at_its_temperature(result, tmp_path):
-    place = tmp_path / "result.json"
-    place.write_text(result.to_json())
-    again = Result.from_json(place)
+    path = tmp_path / "result.json"
+    path.write_text(result.to_json())
+    again = Result.from_json(path)
     assert again.tables == result.tables
-    assert shown(again) == shown(result)
+    assert screen_of(first_screen(again)) == screen_of(first_screen(result))
     report = to_markdown(identification_document(again))
     assert "Tables over SOC and temperature" in report
     assert "The tables at 45 degC" in report

@@ -25,9 +25,10 @@ from barnax.reporting.design import (
 from barnax.reporting.design_forms import design_files
 from barnax.reporting.first_screen import next_step
 from barnax.reporting.words import joined
-from helpers.designs import BLOCKS, quick_design, screen_of
+from helpers.designs import BLOCKS, quick_design
 from helpers.known_cell import made
 from helpers.reference import make_record
+from helpers.report_reader import screen_of
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,8 @@ from barnax.records import read_record
 from barnax.reporting.design import planned_screen
 from barnax.reporting.design_forms import procedure, pybamm_script
 from barnax.reporting.wording import wording
-from helpers.designs import BLOCKS, quick_design, screen_of
+from helpers.designs import BLOCKS, quick_design
+from helpers.report_reader import screen_of
 
 QUICK = {"over": "soc", "model": "so-rc", "seeds": 0, "max_boxes": 0, "folds": 0}
 LIMITS = {"max_hours": 1.5, "blocks": BLOCKS, "max_discharge": 1.0, "max_charge": 1.0}

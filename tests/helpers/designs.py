@@ -1,11 +1,8 @@
-"""What tests of designs share: short searches, and the text of a screen."""
+"""What tests of designs share: short searches."""
 
 import pytest
-from rich.console import Console
 
 import barnax
-from barnax.cli.session import as_flags
-from barnax.reporting.terminal import to_terminal
 
 BLOCKS = [
     barnax.Block("pulse", (10.0, 40.0), (1.0, 0.0)),
@@ -20,11 +17,3 @@ def quick_design(*known, **asked):
         patch.setattr("barnax.experiment.search.PREDICTIONS", 24)
         patch.setattr("barnax.experiment.search.FURTHER", 12)
         return barnax.design(*known, **asked)
-
-
-def screen_of(document):
-    console = Console(width=1000)
-    with console.capture() as shown:
-        for block in to_terminal(document.with_option_names(as_flags)):
-            console.print(block)
-    return shown.get()

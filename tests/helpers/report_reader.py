@@ -1,6 +1,11 @@
-"""Reads a report as a browser would, and refuses what is not well-formed."""
+"""Reads a report as a browser would, strictly; and a document's screen."""
 
 from html.parser import HTMLParser
+
+from rich.console import Console
+
+from barnax.cli.session import as_flags
+from barnax.reporting.terminal import to_terminal
 
 EMPTY = {"meta", "link", "img", "br"}
 REFERENCES = {"src", "href", "srcset", "data", "action", "poster", "background"}
@@ -49,3 +54,12 @@ class ReportReader(HTMLParser):
 
     def count(self, tag: str) -> int:
         return sum(each == tag for each, _ in self.tags)
+
+
+def screen_of(document, width: int = 1000) -> str:
+    """A document's blocks as a terminal that wide shows them, options named as on it."""
+    console = Console(width=width, color_system=None)
+    with console.capture() as shown:
+        for block in to_terminal(document.with_option_names(as_flags)):
+            console.print(block)
+    return shown.get()

@@ -1,11 +1,9 @@
 """A number of a result, and its interval, is the same in every digit, whoever prints it."""
 
 import csv
-import io
 from dataclasses import replace
 
 import pytest
-from rich.console import Console, Group
 
 import barnax
 from barnax.export import get_exporter
@@ -18,12 +16,12 @@ from barnax.reporting.identification import identification_document
 from barnax.reporting.parameters import tables_csv
 from barnax.reporting.render import escape_markdown, to_markdown
 from barnax.reporting.soc_tables import headline
-from barnax.reporting.terminal import to_terminal
 from barnax.reporting.view import View
 from barnax.reporting.wording import blocks
 from barnax.reporting.words import interval, symbol, with_unit, without_unit
 from barnax.results import Result
 from helpers.golden import RESULT
+from helpers.report_reader import screen_of
 from helpers.results import make_table_result, with_constant
 
 STORED = Result.from_json(RESULT)
@@ -235,9 +233,7 @@ def test_the_screen_the_report_and_results_side_by_side_say_the_same_words(name)
 
 
 def test_the_screen_and_the_report_print_what_they_are_made_of(result):
-    console = Console(file=io.StringIO(), width=200, color_system=None)
-    console.print(Group(*to_terminal(first_screen(result))))
-    screen = [line.split() for line in console.file.getvalue().split("\n")]
+    screen = [line.split() for line in screen_of(first_screen(result)).split("\n")]
     report = to_markdown(identification_document(result)).split("\n")
     for row in headline(View(result)).rows:
         (line,) = (line for line in screen if line[: len(row[0].split())] == row[0].split())

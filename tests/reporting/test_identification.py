@@ -3,13 +3,11 @@
 What was decided before the search, each with its reason, is in `golden/decisions.txt`.
 """
 
-import io
 from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
 from matplotlib.figure import Figure
-from rich.console import Console
 
 import barnax
 from barnax.cell import SegmentedHysteresis
@@ -21,7 +19,6 @@ from barnax.reporting.first_screen import first_screen, next_step
 from barnax.reporting.identification import identification_document, search_boxes
 from barnax.reporting.illustrations import identification_illustrations, record_roles
 from barnax.reporting.render import to_html, to_markdown
-from barnax.reporting.terminal import to_terminal
 from barnax.reporting.view import View
 from barnax.reporting.wording import sentences, wording
 from barnax.result_parts import MetricsPart
@@ -29,7 +26,7 @@ from barnax.results import Result
 from barnax.search.answers import AtBound
 from barnax.settings import Registration
 from helpers.golden import GOLDEN, RESULT, require_golden, without_blanks
-from helpers.report_reader import ReportReader
+from helpers.report_reader import ReportReader, screen_of
 from helpers.results import make_table_result, with_constant
 
 LARGEST_REPORT = 4_000_000
@@ -67,10 +64,7 @@ def joint() -> Result:
 
 
 def screen(result: Result) -> str:
-    console = Console(file=io.StringIO(), width=80, highlight=False)
-    for block in to_terminal(first_screen(result).with_option_names(as_flags)):
-        console.print(block)
-    return without_blanks(console.file.getvalue())
+    return without_blanks(screen_of(first_screen(result), width=80))
 
 
 def changed(result: Result, **inputs) -> Result:

@@ -23,7 +23,7 @@ from helpers import golden
 
 from .conftest import BUDGET, OCV, contents, run_command
 
-ALWAYS = {"summary", "validation-1-voltage", "validation-1-error"}
+ALWAYS = {"summary"}
 
 
 @pytest.fixture(scope="module")

@@ -28,9 +28,9 @@ SPARSE: Final = (
     *(plots.plot_pulse_resistances, plot_distributions),
 )
 # Those that are written beside a result where no report is: to draw all takes longer than the
-# search. The first record's voltage and error are in the summary.
+# search. The first record's voltage and error, and the tables, are in the summary.
 MAIN: Final = (
-    *(plots.plot_summary, plots.plot_soc_replay, plots.plot_tables, plots.plot_over_temperature),
+    *(plots.plot_summary, plots.plot_soc_replay, plots.plot_over_temperature),
     *(plots.plot_pulses, plots.plot_pulse_resistances),
 )
 # Pulses of a rate that show how its resistances go over the state of charge.
@@ -124,8 +124,8 @@ def _of_record(role: str, drawn: "Evaluation | Mapping[str, Evaluation]", live_o
 
     voltage = illustrate(f"{role}-voltage{ending}", record, plots.plot_voltage, drawn)
     error = illustrate(f"{role}-error{ending}", record, plots.plot_error, drawn)
-    # Of many rows there is no summary, and none shows what was not identified on.
-    is_main = isinstance(drawn, Mapping) or role != "identification"
+    # Of many rows there is no summary.
+    is_main = isinstance(drawn, Mapping)
     voltage = replace(voltage, live=live if live_of else None, is_main=is_main)
     return [voltage, replace(error, is_main=is_main)]
 

@@ -15,9 +15,8 @@ from barnax.reporting.first_screen import first_screen
 from barnax.reporting.identification import identification_document
 from barnax.reporting.parameters import tables_csv
 from barnax.reporting.render import escape_markdown, to_markdown
-from barnax.reporting.soc_tables import headline
 from barnax.reporting.view import View
-from barnax.reporting.wording import blocks
+from barnax.reporting.wording import blocks, table
 from barnax.reporting.words import interval, symbol, with_unit, without_unit
 from barnax.results import Result
 from helpers.golden import RESULT
@@ -203,7 +202,7 @@ def test_figures_draw_the_interval_of_every_node(name):
 @every_table
 def test_the_screen_the_report_and_results_side_by_side_say_the_same_words(name):
     result = RESULTS[name]
-    rows = headline(View(result)).rows
+    rows = table("tables.headline", View(result)).rows
     on_screen = {row[0]: (row[1], row[2]) for row in rows}
     on_screen |= {row[4]: (row[5], row[6]) for row in rows if row[4]}
     means, constants, nodes = blocks("tables.answer", View(result))
@@ -235,10 +234,10 @@ def test_the_screen_the_report_and_results_side_by_side_say_the_same_words(name)
 def test_the_screen_and_the_report_print_what_they_are_made_of(result):
     screen = [line.split() for line in screen_of(first_screen(result)).split("\n")]
     report = to_markdown(identification_document(result)).split("\n")
-    for row in headline(View(result)).rows:
+    for row in table("tables.headline", View(result)).rows:
         (line,) = (line for line in screen if line[: len(row[0].split())] == row[0].split())
         assert line == " ".join(filter(None, row)).split()
-    for table in blocks("tables.answer", View(result)) if result.tables else ():
-        for row in table.rows:
+    for shown in blocks("tables.answer", View(result)) if result.tables else ():
+        for row in shown.rows:
             line = [*map(escape_markdown, row)]
             assert any([c.strip() for c in text.split("|")[1:-1]] == line for text in report)

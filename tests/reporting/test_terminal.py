@@ -5,7 +5,7 @@ from collections import Counter
 import pytest
 from rich.console import Console, Group
 
-from barnax.reporting.document import rows_table
+from barnax.reporting.document import Table, column
 from barnax.reporting.first_screen import first_screen
 from barnax.reporting.terminal import terminal_table, to_terminal
 from barnax.results import Result
@@ -21,6 +21,11 @@ def lines_of(block, width):
     return lines
 
 
+def table_of(heads, rows, texts=()):
+    columns = tuple(column(head, "text" if head in texts else "number") for head in heads)
+    return Table("", columns, tuple(map(tuple, rows)))
+
+
 def soc_table():
     """As wide as any: four tables over SOC, each with its interval."""
     heads, rows = ["SOC [%]"], [[f"{10 + 5 * row}"] for row in range(5)]
@@ -29,7 +34,7 @@ def soc_table():
         for row, cells in enumerate(rows):
             ends = "not determined" if row == 1 else f"8{row}.{name} to 9{row}.{name}"
             cells += [f"{name}{row}.4 (*)", ends]
-    return rows_table("", heads, rows)
+    return table_of(heads, rows)
 
 
 @pytest.mark.parametrize("width", range(60, 121))
@@ -50,7 +55,7 @@ def test_a_value_stays_beside_its_interval_and_its_state_of_charge():
 
 def test_a_long_name_breaks_behind_its_separators():
     rows = [["dst_25degC_80soc_SP20-2.parquet", *["1.234"] * 6]]
-    table = rows_table("", ["record", *"abcdef"], rows, ["record"])
+    table = table_of(["record", *"abcdef"], rows, ["record"])
     first = [
         line.split()[0]
         for line in lines_of(terminal_table(table), 62)

@@ -129,7 +129,7 @@ def _fit_factors(options: Identification, paths: list[Path]) -> None:
         require_free(folder, options.output.force)
     kept = [record for path in paths for record in read_factors(path)]
     fit = fit_kept(kept, bounded_tables(job, but="[F]"))
-    session.show_document(reporting.soc_tables.kept_document(kept, fit))
+    session.show_document(reporting.records.kept_document(kept, fit))
     if folder is not None:
         tables = {TABLES: reporting.parameters.tables_csv(TableFits((fit,)))}
         written = write_folder(folder, tables, options.output.force)

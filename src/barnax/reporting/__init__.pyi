@@ -11,7 +11,6 @@ from . import parameters as parameters
 from . import pulses as pulses
 from . import records as records
 from . import render as render
-from . import soc_tables as soc_tables
 from . import terminal as terminal
 from . import view as view
 from . import wording as wording

@@ -11,7 +11,7 @@ from .identification import search_boxes
 from .illustrations import record_roles
 from .view import View
 from .wording import document
-from .words import bound_words, gathered
+from .words import gathered, symbol
 
 if TYPE_CHECKING:
     from ..comparison import ComparisonResult
@@ -47,7 +47,7 @@ def comparison_document(
         "sources": {row.method: row.source for row in result.rows},
     }
     roles = record_roles(1, len(records) - 1) if records else []
-    return document("compared", {}, illustrations, roles=roles, facts=facts)
+    return document("compared", illustrations, roles=roles, facts=facts)
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,9 @@ def verdict_facts(result: "ComparisonResult") -> dict[str, Any]:
         effects = [] if method is None else [_effect(on, *pair) for on in records]
         changes[rich] = {"method": method, "effects": effects}
     models = {name: result.models[name] for name in present}
-    at_bound = ((bound_words(b.name, b.side), row.name) for row in rows for b in row.at_bound)
+    at_bound = (
+        (f"{symbol(b.name)} at its {b.side} bound", row.name) for row in rows for b in row.at_bound
+    )
     return {
         "rows": result.rows,
         "answered": len(rows),

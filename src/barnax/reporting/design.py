@@ -11,20 +11,9 @@ from ..experiment.information import DRIVE
 from ..experiment.protocol import LOW_SOC
 from ..experiment.stored import followed, halves_of, is_enough
 from .design_forms import EMPTYING
-from .document import Document, Lines, Table, rows_table, screen
-from .wording import sentences, wording
-from .words import (
-    NOTHING,
-    counted,
-    duration,
-    extent,
-    figures,
-    joined,
-    millivolt,
-    percent,
-    symbol,
-    with_unit,
-)
+from .document import Document, Lines, screen
+from .wording import blocks, sentences
+from .words import figures, joined, millivolt, symbol, with_unit
 
 if TYPE_CHECKING:
     from ..experiment import Design
@@ -56,30 +45,33 @@ def planned_screen(believed: "Believed", chosen: Sequence[str] = ()) -> Document
 def design_screen(design: "Design") -> Document:
     """The test's hours and predicted intervals, its pieces, and the steps to take before it; or
     that none is needed, as the earlier records tell what is wanted."""
-    lines = Lines(sentences("design.screen", design, _facts(design)))
+    facts = _facts(design)
+    lines = Lines(sentences("design.screen", design, facts))
     if not design.is_needed:
         return screen([lines])
-    return screen([_widths_table(design)], [pieces_table(design)], [lines])
+    pieces = blocks("design.pieces", [*_pieces(design)], FIRST_PIECES, LAST_PIECES)
+    return screen(blocks("design.widths", design, facts["before"]), pieces, [lines])
 
 
 def _facts(design: "Design") -> dict[str, Any]:
     """What the sentences about a test are made of."""
     wanted = design.wanted
     names = dict.fromkeys([*wanted, *design.already, *design.printed])
-    before = {name: _halves_before(design.of_table(name)) for name in names}
+    halves = {name: [width.before for width in design.of_table(name)] for name in names}
+    before = {name: [half for half in halves[name] if half is not None] for name in names}
     after = {name: [width.after for width in design.of_table(name)] for name in wanted}
+    middle = {name: float(np.median(halves)) for name, halves in before.items() if halves}
     facts: dict[str, Any] = {"before": before, "after": after, "together": TOGETHER}
-    facts |= {"shown": _shown, "half": _half, "middle": middle, "emptying": EMPTYING}
-    facts["already"] = [name for name in design.already if before[name]]
+    facts |= {"emptying": EMPTYING, "already": [name for name in design.already if name in middle]}
     facts["widened"] = [
         name
         for name in wanted
-        if before[name] and np.median(after[name]) > WIDENED * np.median(before[name])
+        if name in middle and np.median(after[name]) > WIDENED * middle[name]
     ]
     facts["wider"] = {
         name: half
         for name, half in design.printed.items()
-        if before[name] and half > (1 + WIDER) * np.median(before[name])
+        if name in middle and half > (1 + WIDER) * middle[name]
     }
     if design.is_needed and not design.is_reached:
         facts |= _shortfall(design, after)
@@ -111,68 +103,19 @@ def _shortfall(design: "Design", after: dict[str, list[float]]) -> dict[str, Any
     }
 
 
-def _halves_before(widths: "Sequence[Width]") -> list[float]:
-    return [width.before for width in widths if width.before is not None]
-
-
-def _widths_table(design: "Design") -> Table:
-    """Half the 95 % interval of every table, before and after, beside usual tests."""
-    tests = design.references
-    heads = ["95 % interval (+/-)", "wanted", "before", "this test", *(test.name for test in tests)]
-    rows = [["hours", "", "", f"{design.hours:.2f}", *(f"{test.hours:.1f}" for test in tests)]]
-    for name, wanted in design.wanted.items():
-        widths = design.of_table(name)
-        before = _halves_before(widths)
-        before_words = middle(name, before) if len(before) > len(widths) / 2 else NOTHING
-        of_tests = [widths, *(design.of_table(name, test.widths) for test in tests)]
-        after = [[width.after for width in widths] for widths in of_tests]
-        middles = [middle(name, halves) for halves in after]
-        rows.append([_shown(name), _half(name, wanted), before_words, *middles])
-        if len(widths) > 1:
-            wide = _half(name, max(before)) if len(before) == len(widths) else ""
-            rows.append(["  widest", "", wide, *(_half(name, max(halves)) for halves in after)])
-    return rows_table("", heads, rows, heads[:1], is_bare=True)
-
-
-def _shown(name: str) -> str:
-    return "error on a drive cycle" if name == DRIVE else name
-
-
-def middle(name: str, halves: Sequence[float]) -> str:
-    return _half(name, float(np.median(halves)))
-
-
-def _half(name: str, half: float) -> str:
-    return millivolt(half) if name in ("OCV", DRIVE) else percent(half)
-
-
-def pieces_table(design: "Design") -> Table:
-    """The test piece by piece; of a long one, its beginning and its end."""
-    first, taken_ah, rows = 1, 0.0, []
+def _pieces(design: "Design") -> Iterator[dict[str, Any]]:
+    """The numbers of each piece's steps, its duration, and its ends in current and SOC."""
+    last, soc = 0, design.initial_soc
     for name, steps in design.pieces:
-        last = first + len(steps) - 1
-        begins = design.initial_soc - taken_ah / design.capacity_ah
-        taken_ah += sum(step.duration_s * step.current_a for step in steps) / 3600
-        ends = design.initial_soc - taken_ah / design.capacity_ah
-        rows.append(
-            [
-                f"{first}" if first == last else f"{first}-{last}",
-                name,
-                duration(sum(step.duration_s for step in steps)),
-                extent([step.current_a for step in steps], form=".3g"),
-                f"{round(100 * max(begins, 0.0))} to {round(100 * max(ends, 0.0))}",
-            ]
-        )
-        first = last + 1
-    more = len(rows) - FIRST_PIECES - LAST_PIECES
-    if more > 1:
-        rows[FIRST_PIECES:-LAST_PIECES] = [["...", f"{more} more", "", "", ""]]
-    return rows_table(
-        "Discharge current is positive. Every piece is in procedure.txt, every step in steps.csv.",
-        ["steps", "piece", "duration", "current [A]", "SOC [%]"],
-        rows,
-        ["steps", "piece", "duration"],
-    )
+        first, last, begins = last + 1, last + len(steps), soc
+        soc -= sum(step.duration_s * step.current_a for step in steps) / 3600 / design.capacity_ah
+        yield {
+            "name": name,
+            "steps": (first, last),
+            "duration_s": sum(step.duration_s for step in steps),
+            "currents_a": [step.current_a for step in steps],
+            "soc_percent": [100 * max(begins, 0.0), 100 * max(soc, 0.0)],
+        }
 
 
 def promised_screen(design: "Design", result: "Result") -> Document:
@@ -181,7 +124,8 @@ def promised_screen(design: "Design", result: "Result") -> Document:
         return screen([Lines(sentences("design.kept", True, []))])
     is_alone = len(result.of_role("identification")) == 1
     lines = sentences("design.kept", False, [*_differences(design, result)])
-    return screen([promised_table(design, result.fit, is_alone), Lines(lines)])
+    promises, earlier = _promises(design, result.fit, is_alone), () if is_alone else design.earlier
+    return screen([*blocks("design.promises", promises, earlier, TOGETHER), Lines(lines)])
 
 
 def _differences(design: "Design", result: "Result") -> Iterator[str]:
@@ -213,27 +157,23 @@ def _is_other(fitted: float, taken: float) -> bool:
     return abs(math.log(max(fitted, 1e-12) / max(taken, 1e-12))) > math.log1p(AGREES)
 
 
-def promised_table(design: "Design", fit: "TableFit", is_alone: bool = True) -> Table:
-    """The intervals that a design promised, beside those that the identification reached."""
-    rows = []
+def _promises(design: "Design", fit: "TableFit", is_alone: bool) -> dict[str, dict[str, Any]]:
+    """The halves that were promised and reached of every table, at its nodes that have both."""
+    promises = {}
     for name in [wanted for wanted in design.wanted if wanted != DRIVE]:
+        widths = design.of_table(name)
         pairs = [
-            (width.alone if is_alone else width.after, reached)
-            for width in design.of_table(name)
-            if (reached := reached_half(fit, width)) is not None
+            (width.alone if is_alone else width.after, reached_half(fit, width)) for width in widths
         ]
-        if not pairs:
-            rows.append((name, "", "", "not determined", ""))
-            continue
-        promised, reached = np.transpose(pairs)
-        near = int(np.sum(np.abs(np.log(reached / promised)) <= math.log1p(AGREES)))
-        ratio = f"{np.median(reached) / np.median(promised):.2f}"
-        nodes = f"{near} of {counted(len(design.of_table(name)), 'node')}"
-        if better := int(np.sum(reached * (1 + AGREES) < promised)):
-            nodes += f", {better} narrower"
-        rows.append((name, middle(name, promised), middle(name, reached), ratio, nodes))
-    caption = wording("design.promised", () if is_alone else design.earlier, TOGETHER)
-    return rows_table(caption, ("", "promised", "reached", "ratio", "within 25 %"), rows, [""])
+        both = [(promised, reached) for promised, reached in pairs if reached is not None]
+        promises[name] = {
+            "promised": [promised for promised, _ in both],
+            "reached": [reached for _, reached in both],
+            "nodes": len(widths),
+            "near": sum(not _is_other(reached, promised) for promised, reached in both),
+            "better": sum(reached * (1 + AGREES) < promised for promised, reached in both),
+        }
+    return promises
 
 
 def reached_half(fit: "TableFit", width: "Width") -> float | None:

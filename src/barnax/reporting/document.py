@@ -1,6 +1,6 @@
 """A report before it is HTML or Markdown, and the tables that several reports have."""
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import chain, takewhile
@@ -79,29 +79,6 @@ class Table:
         for row in self.rows:
             if len(row) != len(self.columns):
                 raise ValueError(f"a row of {len(row)} cells under {len(self.columns)} columns")
-
-
-def rows_table(
-    caption: str,
-    heads: Iterable[str],
-    rows: Iterable[Iterable[str]],
-    text: Collection[str | int] = (),
-    joined: Iterable[int] = (),
-    is_bare: bool = False,
-) -> Table:
-    """The table of rows of words. A head is a name and, in brackets, a unit; `text` are heads of
-    columns that hold no numbers, or indices of these.
-
-    >>> table = rows_table("Powers.", ["n", "area [m2]"], [("2", "4"), ("3", "9")])
-    >>> table.columns[1].unit, table.rows
-    ('m2', (('2', '4'), ('3', '9')))
-    """
-    columns = tuple(
-        column(head, "text" if head in text or index in text else "number")
-        for index, head in enumerate(heads)
-    )
-    cells = tuple(map(tuple, rows))
-    return Table(caption, columns, cells, joined=frozenset(joined), is_bare=is_bare)
 
 
 def readable(parameters: Mapping[str, float]) -> dict[str, float]:

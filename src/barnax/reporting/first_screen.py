@@ -14,7 +14,6 @@ from ..plan.choosing import MAKE_RECORD
 from ..settings import OVER_TEMPERATURE
 from .document import Bullets, Document, Lines, Table, screen
 from .pulses import middle_table
-from .soc_tables import headline
 from .view import View
 from .wording import document, wording
 from .words import joined, percent, symbol
@@ -27,7 +26,7 @@ if TYPE_CHECKING:
 def first_screen(result: "Result") -> Document:
     """The answer's errors and parameters, how far to believe it, and the assumptions behind it."""
     view = View(result)
-    made = document("screen", {"headline": [headline(view)]}, view=view)
+    made = document("screen", view=view)
     tables = [section.blocks for section in made.sections if isinstance(section.blocks[0], Table)]
     if pulses := middle_table(result):
         tables.append((pulses,))

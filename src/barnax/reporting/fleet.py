@@ -49,7 +49,7 @@ def fleet_document(summary: "Summary", illustrations: Sequence[Picture] = ()) ->
     from ..fleet.summary import OUTLYING
 
     facts = {"fleet": summary, "outlying": OUTLYING, "most": MOST_ROWS}
-    return document("fleet_page", {}, illustrations, **facts)
+    return document("fleet_page", illustrations, **facts)
 
 
 def problem_lines(cells: "Sequence[FleetCell]") -> list[str]:

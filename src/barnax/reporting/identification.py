@@ -10,7 +10,7 @@ from ..files import write_whole
 from ..results import Result
 from .document import Document, Picture
 from .illustrations import identification_illustrations
-from .pulses import pulses_blocks
+from .pulses import pulse_facts
 from .render import to_fragment, to_html, to_markdown
 from .view import View
 from .wording import document
@@ -29,13 +29,10 @@ def identification_document(
     `illustrations` come from `identification_illustrations`; `summary_only` leaves it at the
     parameters, the verdict and the errors.
     """
-    blocks = {
-        "pulses": pulses_blocks(result),
-    }
     constant = result.constant
     boxes = search_boxes({constant.model: constant})
-    facts = {"search_boxes": boxes, "summary_only": summary_only}
-    return document("report", blocks, illustrations, view=View(result), **facts)
+    facts = {"search_boxes": boxes, "summary_only": summary_only, "pulses": pulse_facts(result)}
+    return document("report", illustrations, view=View(result), **facts)
 
 
 def choice_document(result: Result) -> Document:

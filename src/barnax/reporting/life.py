@@ -11,28 +11,22 @@ import polars as pl
 from ..life import QUANTITIES, SHIFT
 from .document import Document, Picture
 from .wording import document, sentences
-from .words import NOTHING, symbol
+from .words import quantity_name
 
 if TYPE_CHECKING:
-    from ..life import Fault, Life, Trend
+    from ..life import Life
 
 MOST_ROWS = 50
 MOST_FAULTS, MOST_CAUSES = 10, 3
 
 
-def quantity_name(quantity: str) -> str:
-    """A quantity's name in a sentence."""
-    return {"R": "total R"}.get(symbol(quantity), symbol(quantity))
-
-
 def life_lines(life: "Life") -> list[str]:
     """The screen."""
-    faults = sentences("life.faults", [_said(life, fault) for fault in life.faults[:MOST_FAULTS]])
     more = len(life.faults) - MOST_FAULTS
+    faults = sentences("life.faults", life, life.faults[:MOST_FAULTS], more)
     return [
         *sentences("life.screen", life, _quantities(life), _is_judged(life)),
         *(f"  {fault}" for fault in faults),
-        *([f"  {more} more on the page"] if more > 0 else []),
         *sentences("life.failed", _causes(life)[:MOST_CAUSES]),
     ]
 
@@ -40,16 +34,13 @@ def life_lines(life: "Life") -> list[str]:
 def life_document(life: "Life", drawn: Sequence[Picture]) -> Document:
     """The page of the fleet."""
     facts: dict[str, Any] = {"quantities": _quantities(life), "is_judged": _is_judged(life)}
-    facts |= {"most": MOST_ROWS, "last": _last}
-    facts["faults"] = [_said(life, fault) for fault in life.faults[:MOST_ROWS]]
+    facts |= {"most": MOST_ROWS, "last": _last, "causes": _causes(life)[:MOST_ROWS]}
     facts["shown"] = {quantity: _shown(quantity) for quantity in QUANTITIES}
-    causes = _causes(life)[:MOST_ROWS]
-    return document("life_page", {}, drawn, life=life, causes=causes, **facts)
+    return document("life_page", drawn, life=life, **facts)
 
 
 def cell_document(life: "Life", cell: str, drawn: Sequence[Picture]) -> Document:
     """The page of a cell."""
-    faults = [_said(life, fault) for fault in life.faults if fault.cell == cell]
     trends = {
         quantity: (_shown(quantity), trend)
         for quantity in QUANTITIES
@@ -57,23 +48,7 @@ def cell_document(life: "Life", cell: str, drawn: Sequence[Picture]) -> Document
         if trend.estimates
     }
     missing = [quantity_name(quantity) for quantity in QUANTITIES if quantity not in trends]
-    facts = {"life": life, "cell": cell, "its_faults": faults, "missing": missing}
-    return document("cell_page", {}, drawn, trends=trends, quantity_name=quantity_name, **facts)
-
-
-def _said(life: "Life", fault: "Fault") -> dict[str, str]:
-    """One fault of a cell, as a table or a sentence has it."""
-    since = f"{fault.age:.3g} A.h" if life.unit == "A.h" else f"{life.unit} {fault.age:.3g}"
-    scale, unit = (1e3, "mV") if fault.quantity == SHIFT else (100, "%")
-    by = f" per {life.unit}" if fault.kind in ("slope", "knee") else ""
-    return {
-        "cell": fault.cell,
-        "quantity": quantity_name(fault.quantity),
-        "kind": fault.kind,
-        "since": since if fault.kind in ("knee", "step") else NOTHING,
-        "size": f"{scale * fault.size:+.2g} {unit}{by}",
-        "deviations": f"{abs(fault.deviations):.1f}",
-    }
+    return document("cell_page", drawn, life=life, cell=cell, missing=missing, trends=trends)
 
 
 def life_json(life: "Life") -> str:
@@ -119,7 +94,8 @@ def _quantities(life: "Life") -> list[dict[str, Any]]:
         determined = [trend for trend in trends if trend.estimates]
         change = None
         if determined:
-            first, last = np.array([_ends(trend) for trend in determined]).T
+            smooth = [trend.smooth[np.isfinite(trend.smooth[:, 0]), 0] for trend in determined]
+            first, last = np.array([values[[0, -1]] for values in smooth]).T
             change = 1e3 * np.median(last) if is_shift else 100 * (np.median(last / first) - 1)
         quantities.append(
             {
@@ -151,11 +127,6 @@ def _last(life: "Life", quantity: str, cell: str) -> tuple[float, float] | None:
         return None
     value, low, high = _shown(quantity)[1] * trend.smooth[np.isfinite(trend.smooth[:, 0])][-1]
     return value, (high - low) / 2
-
-
-def _ends(trend: "Trend") -> tuple[float, float]:
-    smooth = trend.smooth[np.isfinite(trend.smooth[:, 0]), 0]
-    return float(smooth[0]), float(smooth[-1])
 
 
 def _shown(quantity: str) -> tuple[str, float]:

@@ -10,8 +10,8 @@ from ..cell.model import REFERENCE_DEGC, SAME_DEGC
 from ..errors import escaped
 from ..files import csv_text
 from ..pulses import STANDARD_S, Pulse, levels, rate_label
-from .document import Block, Table
-from .wording import blocks, table
+from .document import Table
+from .wording import table
 
 if TYPE_CHECKING:
     from ..results import Result
@@ -54,9 +54,9 @@ def _times(pulses: Sequence[Pulse]) -> list[int]:
     return [index for index, row in enumerate(ohms) if any(ohm is not None for ohm in row)]
 
 
-def pulses_blocks(result: "Result") -> tuple[Block, ...]:
-    """The pulses of a test; nothing without any."""
-    return blocks("pulses.section", result.pulses, _levels(result), *_heads(result))
+def pulse_facts(result: "Result") -> tuple[Any, ...]:
+    """What the section on the pulses of a test is made of."""
+    return result.pulses, _levels(result), *_heads(result)
 
 
 def middle_table(result: "Result") -> Table | None:

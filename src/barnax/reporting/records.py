@@ -1,6 +1,6 @@
-"""Records in words: a replay by a Kalman filter, and the findings of the checks of a file."""
+"""Records in words: a replay by a Kalman filter, the checks of a file, the fit of kept factors."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from .document import Document, Lines, Paragraph, Picture, screen
@@ -8,13 +8,15 @@ from .wording import blocks, document, sentences, wording
 
 if TYPE_CHECKING:
     from ..checks import FileCheck
+    from ..over_soc.fit import TableFit
+    from ..over_soc.kept import Kept
     from ..replay import SocReplay
 
 
 def replay_document(replay: "SocReplay", illustrations: Iterable[Picture] = ()) -> Document:
     """The whole report of a replay."""
     facts = {"replay": replay, "verdict": sentences("replay.verdict", replay)}
-    return document("replayed", {}, illustrations, **facts)
+    return document("replayed", illustrations, **facts)
 
 
 def soc_screen(replay: "SocReplay") -> Document:
@@ -27,3 +29,8 @@ def soc_screen(replay: "SocReplay") -> Document:
 def check_document(check: "FileCheck") -> Document:
     """The file's contents, the findings, and the roles that it can serve in."""
     return document("check", check=check)
+
+
+def kept_document(kept: "Sequence[Kept]", fit: "TableFit") -> Document:
+    """The fit of some kept records together."""
+    return document("kept", kept=kept, fit=fit)

@@ -6,9 +6,14 @@ from functools import cached_property
 from statistics import median
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from ..cell.elements import names_beside
 from ..cell.model import NEAR_DEGC
 from ..cell.parameters import HALF_HYSTERESIS
 from ..cell.soc_axis import ABOVE_SOC
+from ..over_soc.fits import MIDDLE_SOC
+from ..over_soc.node_interval import parts_of
 from ..over_soc.settings import circuit_name
 from .wording import sentences
 from .words import degrees, gathered, interval_beside, numbered, soc_extent
@@ -214,6 +219,45 @@ class View:
         """The range of SOC that means are over, empty of a constant circuit."""
         soc = self.result.fit.mean_soc
         return f"{soc_extent(soc)} SOC" if soc else ""
+
+    @property
+    def means(self) -> "list[Fact]":
+        """The means of resistances, each sum in place of its parts; of two sums that share a part,
+        the first."""
+        means = {fact.name: fact for fact in self.result.fit.facts if fact.is_mean}
+        for total in [name for name in means if len(parts_of(name)) > 1]:
+            first, *others = parts_of(total)
+            shown = means.pop(total)
+            if means.keys() >= {first, *others}:
+                means[first] = shown
+                for part in others:
+                    del means[part]
+        return [*means.values()]
+
+    @property
+    def middle_soc(self) -> float:
+        """The visited node nearest to 50 % SOC."""
+        return min(self.result.fit.visited_nodes, key=lambda soc: abs(soc - MIDDLE_SOC))
+
+    def at_middle(self, mean: "Fact") -> float:
+        """The value of a resistance, or of a sum of some, there."""
+        at, soc = self.result.fit.tables.at, np.array(self.middle_soc)
+        return sum(float(at(part, soc)) for part in parts_of(mean.name))
+
+    def taus(self, mean: "Fact") -> "list[Fact]":
+        """The time constants of a resistance, or of a sum of some."""
+        names = [names_beside(part).tau for part in parts_of(mean.name)]
+        facts = self.result.fit.constant_facts
+        return [fact for name in names for fact in facts if fact.name == name]
+
+    @property
+    def longest_s(self) -> float:
+        return max(part.duration_s or 0.0 for part in self.identified)
+
+    def outlasts_records(self, tau: "Fact") -> bool:
+        """True of a time constant that ends at the length of the longest record."""
+        at_upper = {bound.name for bound in self.result.fit.at_bound if bound.side == "upper"}
+        return tau.name in at_upper and tau.value >= self.longest_s * (1 - 1e-3)
 
     @cached_property
     def held(self) -> set[str]:

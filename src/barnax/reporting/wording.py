@@ -3,7 +3,7 @@
 A template of `templates/words` makes lines, and how a line begins says what it is:
 
     = the title of a document     # a section     - a sentence of a list     ! a warning of a list
-    @ the name of ready blocks    & a pattern of figures' names, each where it is first asked for
+    & a pattern of figures' names, each where it is first asked for
     ^ the caption of a table      ~ no caption, and no line below the heads
     | heads, a rule and rows, as Markdown writes a table: `---:` is the rule of numbers, `:--` that
       of a column that stays beside the one before it
@@ -15,7 +15,7 @@ on one line and in one cell, whatever it holds, so that a file's name is no mark
 puts in the lines of a macro. Words of `words.py` are filters and functions of every template.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from fnmatch import fnmatchcase
 from functools import cache
 from inspect import isfunction
@@ -47,7 +47,7 @@ from .document import (
     readable,
 )
 
-MARKS = "=#-!@&^~|"
+MARKS = "=#-!&^~|"
 # Stands for a bar in a value, which ends no cell.
 BAR = "\ue001"
 # What a column holds by its rule.
@@ -81,24 +81,16 @@ class Lines(str):
     __slots__ = ()
 
 
-def document(
-    template: str,
-    blocks: Mapping[str, Sequence[Block]] | None = None,
-    pictures: Iterable[Picture] = (),
-    **facts: Any,
-) -> Document:
-    """The document that a template makes of facts; `blocks` are those that it names after an @,
-    `pictures` those that it asks for after an &.
+def document(template: str, pictures: Iterable[Picture] = (), **facts: Any) -> Document:
+    """The document that a template makes of facts; `pictures` are those that it asks for.
 
-    A section without blocks is left out. Raises `KeyError` for blocks that are not given, and
-    jinja2's `UndefinedError` for facts.
+    A section without blocks is left out. Raises jinja2's `UndefinedError` for facts that are not
+    given.
     """
-    return _document(_template(template).render(**facts), blocks, pictures)
+    return _document(_template(template).render(**facts), pictures)
 
 
-def _document(
-    text: str, blocks: Mapping[str, Sequence[Block]] | None = None, pictures: Iterable[Picture] = ()
-) -> Document:
+def _document(text: str, pictures: Iterable[Picture] = ()) -> Document:
     title, summary, left = "", "", list(pictures)
     sections: list[tuple[str, list[Block]]] = []
     caption, is_bare = "", False
@@ -110,9 +102,6 @@ def _document(
             sections += [(text, []) for text in texts]
         elif not sections:
             summary = " ".join(texts)
-        elif mark == "@":
-            for name in texts:
-                sections[-1][1].extend((blocks or {})[name])
         elif mark == "&":
             placed = [one for one in left if any(fnmatchcase(one.name, each) for each in texts)]
             sections[-1][1].extend(placed)

@@ -1,7 +1,7 @@
 """Numbers and lists as a sentence or a table says them."""
 
 import math
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from decimal import ROUND_CEILING, Context
 from typing import TYPE_CHECKING, Literal, TypeVar
 
@@ -225,6 +225,11 @@ def symbol(name: str) -> str:
     return name.partition(" [")[0]
 
 
+def quantity_name(quantity: str) -> str:
+    """A quantity's name in a sentence: of R, which is of all resistances together, "total R"."""
+    return {"R": "total R"}.get(symbol(quantity), symbol(quantity))
+
+
 def figures(value: float | None, digits: int = 3) -> str:
     """So many digits, without an exponent where it can be helped; a dash where there is none.
 
@@ -263,15 +268,6 @@ def in_milliohm(name: str) -> tuple[str, float]:
     (('R1 [mOhm]', 1000.0), ('C1 [F]', 1.0))
     """
     return (name.replace("[Ohm]", "[mOhm]"), 1e3 if name.endswith("[Ohm]") else 1.0)
-
-
-def bound_words(name: str, side: str) -> str:
-    """A parameter at a bound of its box.
-
-    >>> bound_words("tau2 [s]", "upper")
-    'tau2 at its upper bound'
-    """
-    return f"{symbol(name)} at its {side} bound"
 
 
 def with_unit(name: str, value: float) -> str:
@@ -324,17 +320,6 @@ def between(name: str, low: float, high: float, value: float | None = None) -> s
     return f"{least} to {most} {unit}".rstrip()
 
 
-def one_sided(low: float | None, high: float | None, said: Callable[[float], str]) -> str:
-    """An interval of which the data leave an end open; empty of one with two ends.
-
-    >>> one_sided(0.0, 0.02, str), one_sided(0.01, None, str), one_sided(0.01, 0.02, str)
-    ('at most 0.02', 'at least 0.01', '')
-    """
-    if high is None:
-        return NOT_DETERMINED if low is None else f"at least {said(low)}"
-    return "" if low else f"at most {said(high)}"
-
-
 def interval(name: str, low: float | None, high: float | None, value: float | None = None) -> str:
     """An interval of a parameter as it is read, whichever of its ends is known.
 
@@ -343,9 +328,9 @@ def interval(name: str, low: float | None, high: float | None, value: float | No
     >>> interval("R1 [Ohm]", None, None)
     'not determined'
     """
-    if low is None or high is None or not low:
-        return one_sided(low, high, lambda end: with_unit(name, end))
-    return between(name, low, high, value)
+    if high is None:
+        return NOT_DETERMINED if low is None else f"at least {with_unit(name, low)}"
+    return between(name, low, high, value) if low else f"at most {with_unit(name, high)}"
 
 
 def interval_beside(value: str, of: "NodeInterval") -> str:

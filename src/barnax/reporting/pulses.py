@@ -56,7 +56,7 @@ def _times(pulses: Sequence[Pulse]) -> list[int]:
 
 def pulse_facts(result: "Result") -> tuple[Any, ...]:
     """What the section on the pulses of a test is made of."""
-    return result.pulses, _levels(result), *_heads(result)
+    return _levels(result), *_heads(result)
 
 
 def middle_table(result: "Result") -> Table | None:

@@ -139,7 +139,7 @@ def test_no_test_is_designed_for_what_is_known_already(result, believed, tmp_pat
     assert (none.steps, none.hours, none.already) == ((), 0.0, ("R0", "drive"))
     assert not none.is_needed
     text = screen_of(design_screen(none))
-    assert "No test needed: identification.parquet told what is wanted: R0 " in text
+    assert "No test needed: identification.parquet already determines what is wanted: R0 " in text
     (tmp_path / "design.json").write_text(none.to_json())
     assert barnax.Design.load(tmp_path).already == none.already
     assert design_files(none) == {}

@@ -2,8 +2,11 @@
 
 from concurrent.futures import ThreadPoolExecutor
 
+import numpy as np
 import polars as pl
 import pytest
+
+from barnax.bundled import BUNDLED
 
 
 @pytest.fixture(autouse=True)
@@ -46,6 +49,32 @@ def test_a_failure_names_its_file_and_the_manifests_columns(run, tmp_path):
     assert "initial_soc 95.0 is not a fraction" in report
     dry = run("fleet", manifest, "--dry-run")
     assert (dry.status, dry.out.count("initial_soc 95.0")) == (2, 1)
+
+
+def test_a_dry_run_reads_the_files_and_lists_the_cells_of_folders_in_folders(run, tmp_path):
+    rng = np.random.default_rng(0)
+    for cell in ("one", "two"):
+        folder = tmp_path / "fleet" / "batch" / cell
+        folder.mkdir(parents=True)
+        for path in (BUNDLED.record, *BUNDLED.ocv):
+            table = pl.read_parquet(path).head(100_000 if path in BUNDLED.ocv else 2000)
+            noise_v = pl.Series(rng.normal(0, 1e-4, len(table)))
+            table = table.with_columns(pl.col("Voltage / V") + noise_v)
+            table.write_parquet(folder / path.name)
+    stuck = tmp_path / "fleet" / "stuck" / "drive.csv"
+    stuck.parent.mkdir()
+    pl.read_parquet(BUNDLED.record).with_columns(pl.lit(3.7).alias("Voltage / V")).write_csv(stuck)
+    dry = run("fleet", tmp_path / "fleet", "--dry-run")
+    lines = " ".join(dry.out.split())
+    assert "batch: these are files of 2 cells" in lines
+    assert "stuck: no record can be identified on" in lines
+    assert "drive.csv: not used (no test): every voltage is 3.7 V" in lines
+    manifest = tmp_path / "m.csv"
+    tests = ";".join(map(str, BUNDLED.ocv))
+    manifest.write_text(f"id,records,ocv\na,{stuck},{tests}\nb,{BUNDLED.record},{tests}\n")
+    dry = run("fleet", manifest, "--dry-run")
+    assert (dry.status, dry.out.count("every voltage in 'Voltage / V' is 3.7 V")) == (2, 1)
+    assert "1 problem to correct" in dry.err
 
 
 def test_shards_and_the_whole_share_a_folder_of_kept_results(run, tmp_path, monkeypatch):

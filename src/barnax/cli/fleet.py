@@ -54,7 +54,7 @@ class FleetOptions:
         scheduler (ADDRESS|local): Dask scheduler instead of processes; local starts one.
         shard (K/N): Only the K-th of N parts of the fleet, for an array of jobs.
         retry: Repeat the cells that failed.
-        dry_run: Compute nothing, but list what cannot be used: missing files and wrong values.
+        dry_run: Compute nothing, but list what cannot be used: files, and values of the manifest.
 
     Output:
         out (FOLDER): Folder of the dataset, or its address; an interrupted run continues there.
@@ -143,7 +143,7 @@ def fleet(given: FleetOptions) -> None:
     settings = given.settings
     _ = job_of(settings)
     if given.dry_run:
-        lines = list(map(as_keys, lines)) + reporting.fleet.problem_lines(cells)
+        lines = list(map(as_keys, lines)) + reporting.fleet.problem_lines(cells, settings)
         session.show(map(shown, lines[:MAX_LISTED]))
         if lines:
             raise InputError(f"{manifest}: {counted(len(lines), 'problem')} to correct")

@@ -16,7 +16,7 @@ from ..checks.against_cell import compare_temperatures
 from ..errors import InputError, reason_of
 from ..factors import factors_to_bytes, read_factors
 from ..files import fetched, is_address, is_factor_file
-from ..inputs import Measured, file_names, input_warnings, source_of
+from ..inputs import Measured, file_names, input_warnings, read_inputs, source_of
 from ..job import Job
 from ..life.rows import ageing_row
 from ..model.window import Window
@@ -26,6 +26,7 @@ from ..over_soc.kept import CONSTANT, Grid, fit_kept, keep, keep_all
 from ..over_soc.settings import table_name
 from ..pack import Pack, identify_pack
 from ..pipeline import identify, identify_problem
+from ..plan import plan_of, planned
 from ..records import Record, Source, read_source
 from ..records.logger import Loggers
 from ..records.table import LARGEST_FILE
@@ -107,21 +108,12 @@ def grid_of(cell: FleetCell, settings: Options) -> Grid | None:
 
 def identified(cell: FleetCell, settings: Options) -> tuple[Result, tuple[Notice, ...]]:
     """The result of a cell and all warnings. Raises `InputError` where an input cannot be used."""
-    job = job_of(settings)
     if cell.problem is not None:
+        job = job_of(settings)
         result = identify_problem(cell.problem, job.part(Settings), trust=job.trust)
         return result, result.warnings
-    if cell.missing:
-        raise InputError(f"{'; '.join(cell.missing)}: correct the name in the manifest")
-    job = job.changed(**cell.options, bounds=cell.bounds, window=_windows(cell))
+    job = _job_on_files(cell, settings)
     reading = job.part(Reading)
-    paths, loggers = (*cell.records, *cell.validate), settings.get("loggers")
-    # Files whose roles are to be found stay files.
-    if loggers and (cell.ocv or cell.cell is not None):
-        read = sources_of(paths, reading, loggers)
-    else:
-        read = [_given(path, reading) for path in paths]
-    job = job.changed(records=read[: len(cell.records)], validate=read[len(cell.records) :])
     if not cell.ocv and cell.cell is None:
         # Which file serves for what, the roles say. Tables, as a refit of kept factors gives.
         result = identify(job if job.model or job.over else job.changed(over="soc"))
@@ -138,6 +130,21 @@ def identified(cell: FleetCell, settings: Options) -> tuple[Result, tuple[Notice
     measured = [(prepared.record.name, prepared.temperature_degc) for prepared in used]
     more = compare_temperatures(measured, tests_degc)
     return result, tuple(dict.fromkeys((*result.warnings, *of_tests, *more)))
+
+
+def _job_on_files(cell: FleetCell, settings: Options) -> Job:
+    """The job on the records of a cell. Raises `InputError` where a file is missing."""
+    if cell.missing:
+        raise InputError(f"{'; '.join(cell.missing)}: correct the name in the manifest")
+    job = job_of(settings).changed(**cell.options, bounds=cell.bounds, window=_windows(cell))
+    reading = job.part(Reading)
+    paths, loggers = (*cell.records, *cell.validate), settings.get("loggers")
+    # Files whose roles are to be found stay files.
+    if loggers and (cell.ocv or cell.cell is not None):
+        read = sources_of(paths, reading, loggers)
+    else:
+        read = [_given(path, reading) for path in paths]
+    return job.changed(records=read[: len(cell.records)], validate=read[len(cell.records) :])
 
 
 def _identified_pack(cell: FleetCell, settings: Options) -> Pack:
@@ -215,14 +222,29 @@ def job_of(settings: Options) -> Job:
     return Job(**{name: value for name, value in settings.items() if name not in OF_FLEET})
 
 
-def reasons_against(cell: FleetCell) -> Iterator[str]:
-    """Problems of a cell's row, as far as they can be told without reading its files."""
-    yield from cell.missing
+def reasons_against(cell: FleetCell, settings: Options) -> Iterator[str]:
+    """Problems of a cell's row, and where it has none, why its files cannot be identified on."""
+    reasons = [*cell.missing]
     for require in (lambda: _windows(cell), lambda: job_of(cell.options)):
         try:
             require()
         except InputError as problem:
-            yield str(problem)
+            reasons.append(str(problem))
+    yield from reasons
+    has_samples = not all(map(is_factor_file, cell.records)) and "pack_cells" not in cell.options
+    if reasons or not has_samples:
+        return
+    try:
+        job = _job_on_files(cell, settings)
+        tests = [_given(path, job.part(Reading)) for path in cell.ocv]
+        job = job.changed(ocv=tests, cell=Result.from_json(cell.cell).cell if cell.cell else None)
+        plan = plan_of(job)
+        job = job if plan is None else planned(plan, job)
+        if job.ocv or job.cell is not None:
+            read_inputs(job)
+    except InputError as problem:
+        # Behind it each file of a folder has its reason: the first shows of which kind they are.
+        yield "; ".join(str(problem).splitlines()[:2])
 
 
 def _windows(cell: FleetCell) -> Window | dict[str, Window]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import polars as pl
 
@@ -52,11 +52,15 @@ def fleet_document(summary: "Summary", illustrations: Sequence[Picture] = ()) ->
     return document("fleet_page", illustrations, **facts)
 
 
-def problem_lines(cells: "Sequence[FleetCell]") -> list[str]:
-    """Mistakes in a manifest, one a line."""
+def problem_lines(cells: "Sequence[FleetCell]", settings: Mapping[str, Any]) -> list[str]:
+    """Mistakes in a manifest and in its files, one a line."""
     from ..fleet.rows import reasons_against
 
-    return [f"{cell.id}: {as_keys(reason)}" for cell in cells for reason in reasons_against(cell)]
+    return [
+        f"{cell.id}: {as_keys(reason)}"
+        for cell in cells
+        for reason in reasons_against(cell, settings)
+    ]
 
 
 # With more cells than this, the screen shows only those that stand out.

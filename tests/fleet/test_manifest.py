@@ -187,7 +187,7 @@ def test_a_dry_run_lists_all_that_is_wrong_and_a_run_names_the_first(tmp_path):
     path.write_text(WORSE.format(BUNDLED.record, BUNDLED.ocv[0]))
     problems = []
     cells, _ = read_manifest(path, problems=problems)
-    lines = [*map(as_keys, problems), *problem_lines(cells)]
+    lines = [*map(as_keys, problems), *problem_lines(cells, {})]
     assert len(lines) == len(PROBLEMS)
     for text in PROBLEMS:
         assert sum(text in line for line in lines) == 1, text
@@ -201,9 +201,9 @@ def test_the_manifest_of_the_case_has_six_problems(real_data, tmp_path):
         pytest.skip("the cases are not here")
     (tmp_path / "rec").mkdir()
     for name in ("c00", "c01", "c02"):
-        (tmp_path / "rec" / f"{name}.parquet").touch()
-    (tmp_path / "ocv.csv").touch()
+        (tmp_path / "rec" / f"{name}.parquet").write_bytes(BUNDLED.record.read_bytes())
+    pl.read_parquet(BUNDLED.ocv[0]).write_csv(tmp_path / "ocv.csv")
     (tmp_path / case.name).write_bytes(case.read_bytes())
     problems = []
     cells, _ = read_manifest(tmp_path / case.name, problems=problems)
-    assert len([*problems, *problem_lines(cells)]) == 6
+    assert len([*problems, *problem_lines(cells, {})]) == 6

@@ -105,13 +105,13 @@ def test_the_ocv_of_a_nearly_empty_cell_that_no_circuit_follows_is_not_determine
     record = replace(record, voltage_v=record.voltage_v - over_v)
     settings = replace(QUICK, nodes=(0.0, 0.05, *FEW_NODES))
     own = fit_with_ocv([record], "so-rc", {record.name: FROM_FULL}, settings)
-    low = [node for node in own.fit.of_table(OCV) if node.soc < 0.1]
-    assert len(low) == 4
+    low = [node for node in own.fit.of_table(OCV) if node.soc <= 0.1]
+    assert len(low) == 5
     if half_v:
         assert {node.low for node in low} == {None}
     else:
         assert np.mean([node.low <= ocv_v(node.soc) <= node.high for node in low]) >= 0.75
-    above = [node for node in own.fit.of_table(OCV) if 0.1 <= node.soc < 0.98]
+    above = [node for node in own.fit.of_table(OCV) if 0.1 < node.soc < 0.98]
     assert np.mean([node.low <= ocv_v(node.soc) <= node.high for node in above]) >= 0.9
     assert all(node.low is not None for node in own.fit.of_table("R0 [Ohm]"))
 

@@ -260,13 +260,14 @@ def fit_of(
 def _untold(objective: TableObjective, errors: Sequence[SocErrors]) -> set[tuple[str, float]]:
     """The nodes of a nearly empty cell, by table, at which nothing but smoothing and the circuit
     tells a value: of R0 those that no step of the current is near; of an OCV of the records' own
-    those without a long rest, where no circuit follows the loads."""
+    those without a long rest, where no circuit follows the loads, and the next one above, of whose
+    samples half are below it."""
     undetermined, telling = set(), {OHMIC: is_step}
     if any(one.above_v and one.rmse_v > LEFT_BELOW * one.above_v for one in errors):
         telling[OCV] = is_at_ocv
     for name in telling.keys() & set(objective.names):
         nodes = objective.nodes_of[objective.names.index(name)]
-        is_determined = is_above(nodes)
+        is_determined = is_above(nodes if name == OHMIC else np.append(nodes[:1], nodes[:-1]))
         for prepared in objective.prepared_records:
             part = replace(prepared, scored=prepared.scored & telling[name](prepared))
             is_determined |= part.nearest(nodes)

@@ -68,7 +68,7 @@ def test_a_dry_run_reads_the_files_and_lists_the_cells_of_folders_in_folders(run
     lines = " ".join(dry.out.split())
     assert "batch: these are files of 2 cells" in lines
     assert "stuck: no record can be identified on" in lines
-    assert "drive.csv: not used (no test): every voltage is 3.7 V" in lines
+    assert "every voltage is 3.7 V" in lines
     manifest = tmp_path / "m.csv"
     tests = ";".join(map(str, BUNDLED.ocv))
     manifest.write_text(f"id,records,ocv\na,{stuck},{tests}\nb,{BUNDLED.record},{tests}\n")

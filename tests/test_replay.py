@@ -13,7 +13,7 @@ from barnax.pipeline import identify
 from barnax.plots import plot_soc_replay
 from barnax.replay import Scenario, SocReplay, replay_soc
 from barnax.reporting.records import soc_screen
-from barnax.reporting.terminal import to_terminal
+from barnax.reporting.terminal import to_text
 from barnax.reporting.wording import sentences
 from barnax.result_filter import FilterSettings
 from barnax.scenarios import converged
@@ -89,7 +89,7 @@ def test_a_filter_without_numbers_is_a_row_that_says_so(replay):
     assert (part.rms, part.in_band, part.converged_s) == (None, None, None)
     lines = told_of(replay)
     assert lines["Diverged"].startswith(f"lost: after {part.diverged_s:.0f} s")
-    assert list(to_terminal(soc_screen(replay)))
+    assert to_text(soc_screen(replay))
 
 
 def test_a_replay_is_stored_and_read_back(replay, tmp_path):

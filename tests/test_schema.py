@@ -18,7 +18,7 @@ from barnax.cli.session import as_flags
 from barnax.errors import InputError
 from barnax.notices import Notice
 from barnax.reporting.first_screen import first_screen
-from barnax.reporting.terminal import to_terminal
+from barnax.reporting.terminal import to_text
 from barnax.results import Result
 from helpers.golden import RESULT
 from helpers.hostile import EXAMPLES, damaged, repeated
@@ -213,4 +213,4 @@ def test_any_leaf_of_any_kind_is_read_or_refused_and_then_told(place, value):
     except (ValueError, InputError):
         return
     with suppress(InputError):
-        assert list(to_terminal(first_screen(result).with_option_names(as_flags)))
+        assert to_text(first_screen(result).with_option_names(as_flags))

@@ -3,6 +3,7 @@
 import re
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from typer.main import get_command
@@ -95,19 +96,26 @@ def test_what_contradicts_itself_is_refused_by_the_name_of_its_record():
         windows_of(given)
 
 
-def test_a_long_stage_is_reported_without_a_terminal_and_says_how_long_is_left(capsys, monkeypatch):
-    monkeypatch.setattr("barnax.cli.session.PATIENCE_S", 0.05)
-    with Session(is_quiet=False).watch("Searching", 4) as advance:
-        advance(1)
-        time.sleep(0.3)
-    first, *others = capsys.readouterr().err.splitlines()
-    matched = re.fullmatch(r"Searching: (\S+) s, 1 of 4, about (\S+) s left", first)
-    assert float(matched[2]) == pytest.approx(3 * float(matched[1]), rel=0.02)
-    # At 0.05 and 0.15 s, and no more.
-    assert len(others) == 1
-    with Session(is_quiet=True).watch("Searching"):
-        time.sleep(0.1)
-    assert capsys.readouterr().err == ""
+def test_a_long_stage_says_without_a_terminal_how_long_it_takes_at_intervals_that_double(capsys):
+    waits = []
+
+    class Twice:
+        def wait(self, seconds):
+            waits.append(seconds)
+            return len(waits) > 2
+
+    session = Session(is_quiet=False)
+    session._report("Searching", SimpleNamespace(elapsed=20.0, completed=1, total=4), Twice())
+    assert waits == [10.0, 20.0, 40.0]
+    assert capsys.readouterr().err == 2 * "Searching: 20 s, 1 of 4, about 60 s left\n"
+
+
+def test_only_a_command_that_is_not_quiet_reports_a_long_stage(capsys, monkeypatch):
+    monkeypatch.setattr("barnax.cli.session.PATIENCE_S", 0.01)
+    for is_quiet in (True, False):
+        with Session(is_quiet).watch("Searching"):
+            time.sleep(0.5)
+        assert ("Searching: " in capsys.readouterr().err) == (not is_quiet)
 
 
 def test_what_was_assumed_of_a_file_is_a_note_among_warnings_too(capsys):

@@ -60,6 +60,5 @@ def screen_of(document, width: int = 1000) -> str:
     """A document's blocks as a terminal that wide shows them, options named as on it."""
     console = Console(width=width, color_system=None)
     with console.capture() as shown:
-        for block in to_terminal(document.with_option_names(as_flags)):
-            console.print(block)
+        console.print(to_terminal(document.with_option_names(as_flags)))
     return shown.get()

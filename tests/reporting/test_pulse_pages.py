@@ -4,7 +4,8 @@ import csv
 from types import SimpleNamespace
 
 from barnax.pulses import Pulse
-from barnax.reporting.pulses import middle_table, pulses_csv
+from barnax.reporting import wording
+from barnax.reporting.pulses import middle_facts, pulses_csv
 from helpers.results import make_cell
 
 
@@ -25,7 +26,7 @@ RESULT = SimpleNamespace(pulses=PULSES, cell_at=lambda degc: make_cell())
 
 
 def test_the_first_screen_has_each_rate_in_the_middle_of_soc():
-    table = middle_table(RESULT)
+    table = wording.table("pulses.middle", *middle_facts(RESULT))
     assert [column.head for column in table.columns] == [
         "at 50 % SOC [mOhm]", "at once", "2 s", "10 s"
     ]  # fmt: skip
@@ -38,7 +39,7 @@ def test_a_resistance_between_pulses_far_apart_is_not_made_up():
         pulse(0.86, 2.0, (0.031, None, None, None, None)),
         pulse(0.04, 2.0, PULSES[1].resistance_ohm),
     )
-    assert middle_table(SimpleNamespace(pulses=far, cell_at=RESULT.cell_at)) is None
+    assert middle_facts(SimpleNamespace(pulses=far, cell_at=RESULT.cell_at)) is None
 
 
 def test_the_csv_has_every_pulse_and_leaves_empty_what_is_not_known():

@@ -3,7 +3,7 @@
 from collections import Counter
 
 import pytest
-from rich.console import Console, Group
+from rich.console import Console
 
 from barnax.reporting.document import Table, column
 from barnax.reporting.first_screen import first_screen
@@ -69,9 +69,7 @@ def test_a_long_name_breaks_behind_its_separators():
 @pytest.mark.parametrize("width", [60, 66, 72, 80])
 def test_no_digit_of_the_first_screen_is_cut(width):
     whole, narrow = (
-        " ".join(
-            lines_of(Group(*to_terminal(first_screen(Result.from_json(RESULT)))), each)
-        ).split()
+        " ".join(lines_of(to_terminal(first_screen(Result.from_json(RESULT))), each)).split()
         for each in (200, width)
     )
     numbers = {word for word in whole if any(map(str.isdigit, word))}

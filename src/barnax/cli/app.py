@@ -15,7 +15,6 @@ from .results import report, show, soc, validate
 
 app = typer.Typer(
     name="barnax",
-    help="Identify lithium-ion equivalent-circuit parameters from measured current and voltage.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,

@@ -10,17 +10,17 @@ import barnax
 
 from .. import reporting
 from ..errors import InputError, require_choice
-from .options import OF_FILES, OF_RECORDS, OF_SEARCH, Given, group, options_of, options_of_job
+from .options import Given, group, options_of, options_of_job
 from .output import DEFAULT_FOLDER, Output, drawn_files
 from .session import Session, shown
 
-# What of the report stands in the terminal unless everything is asked for.
+# Sections of the report that a terminal shows unless everything is asked for.
 SHOWN = {*("Circuits", "Verdict", "Parameters", "Search"), *("Identification", "Validation")}
 
 
 @group
 class Comparing:
-    """All that a comparison can be told.
+    """Options of a comparison.
 
     Arguments:
         record (RECORD): Dynamic record to identify on. For a folder or a plan, files are chosen as
@@ -32,7 +32,7 @@ class Comparing:
             n4sid, varpro, lm, pso-lm, de, or any that barnax optimizers lists.
     """
 
-    job: Given = options_of(*OF_FILES, *OF_RECORDS, *OF_SEARCH, "setup")
+    job: Given = options_of("files", "records", "search", "setup")
     models: str | None = None
     methods: str | None = None
     record: Path | None = None
@@ -80,7 +80,7 @@ def compare(options: Comparing) -> None:
     draw = partial(figures, result, live=options.live)
     document_of = partial(reporting.comparison.comparison_document, result, seconds=seconds)
     files = partial(drawn_files, draw, document_of, True, options.paper)
-    run.deliver("comparison.json", result.to_json(), files)
+    run.deliver({"comparison.json": result.to_json()}, files)
     document = reporting.comparison.comparison_document(result, (), seconds)
     if not options.output.verbose:
         sections = (each for each in document.sections if each.title.partition(":")[0] in SHOWN)

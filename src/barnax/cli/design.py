@@ -13,7 +13,7 @@ from ..settings import Window
 from .options import group
 from .output import PLAN, Output, new_run
 
-# The record of a designed test, beside its plan.
+# The record of a designed test, next to its plan.
 RECORD = "record.csv"
 
 
@@ -23,7 +23,7 @@ class Cell:
 
     Arguments:
         result ([RESULT]): The folder that identify wrote, or its result.json: what it determines
-            counts. Without it, --capacity and --chemistry are what is known.
+            counts. Without it, --capacity and --chemistry say what the cell is.
 
     Cell:
         capacity (AH): Capacity (default: the result's).
@@ -44,9 +44,9 @@ class Test:
     Test:
         want (NAME=HALF): Half the 95 % interval that is wanted from 10 to 90 % SOC, such as R0=2%,
             R1=10%, R2=10% or OCV=10mV, or the error on a drive cycle, drive=8mV; repeatable; hppc
-            wants what an HPPC would tell.
+            wants what an HPPC would determine.
         max_hours (HOURS): The longest that it may take (default: 3, and no test of what the result
-            tells already).
+            determines already).
 
     Limits:
         low_voltage (V): Lowest voltage (default: the chemistry's).
@@ -73,7 +73,7 @@ def design(cell: Cell, test: Test, output: Output) -> None:
 
     The test is the shortest that narrows the intervals to what is wanted. Writes
     the steps as CSV, as a profile, as a PyBaMM experiment and as text for a
-    cycler's editor, with what they are predicted to tell.
+    cycler's editor, with the intervals that they are predicted to reach.
     """
     run = output.begun("barnax-design", [] if cell.result is None else [cell.result])
     run.load_jax()
@@ -95,7 +95,7 @@ def design(cell: Cell, test: Test, output: Output) -> None:
     if not test_design.is_needed:
         # A folder that nobody asked for would hold no test.
         run.folder = output.out
-        run.deliver("design.json", test_design.to_json(), dict)
+        run.deliver({"design.json": test_design.to_json()}, dict)
         return run.show_written(["design.json"])
 
     def files() -> dict[str, bytes]:
@@ -103,11 +103,11 @@ def design(cell: Cell, test: Test, output: Output) -> None:
         return files | {"figures/design.png": barnax.plots.encode(test_design.figure())}
 
     plan = barnax.plan_to_toml(plan_after(test_design, earlier, cell.capacity))
-    run.deliver("design.json", test_design.to_json(), files, {PLAN: plan})
+    run.deliver({"design.json": test_design.to_json(), PLAN: plan}, files)
     if run.folder is not None:
         names = ["steps.csv", "profile.csv", "experiment_pybamm.py", "procedure.txt", "figures"]
         run.show_written(names)
-        run.show(reporting.terminal.next_lines(*_next(test_design, earlier, run.folder)))
+        run.show([reporting.terminal.next_step(*_next(test_design, earlier, run.folder))])
 
 
 def _earlier(result: Path | None) -> "barnax.Plan":
@@ -123,7 +123,7 @@ def _earlier(result: Path | None) -> "barnax.Plan":
     tests = plan.of_role("OCV test")
     if plan.command == "hppc" and not tests:
         tests = [replace(part, role="OCV test") for part in plan.of_role("identification")]
-    # Each record has the common window in its own, and where it starts is not where the next does.
+    # The common window is in that of each record, and the next record starts elsewhere.
     common = plan.window
     common = Window(temperature_degc=common.temperature_degc, rest_current_a=common.rest_current_a)
     parts = *plan.of_role("identification"), *tests
@@ -135,7 +135,7 @@ def plan_after(
 ) -> "barnax.Plan":
     """The plan that identifies the test's record, `RECORD` beside it, with what counted before.
 
-    Where nothing shows what is full, the record's rest tells where it starts on the others' OCV.
+    Where nothing shows what is full, the record starts where its rest is on the others' OCV.
     """
     from ..plan import Part
 

@@ -3,7 +3,6 @@
 import io
 import json
 import os
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -15,7 +14,7 @@ import barnax
 from .. import reporting
 from ..errors import InputError, printable
 from ..settings import Reading
-from .options import HOW_READ, Given, group, options_of
+from .options import Given, group, options_of
 from .output import require_free_file, tell_unfinished, write_file
 from .session import Session, shown
 
@@ -25,7 +24,7 @@ if TYPE_CHECKING:
     from ..records import Record
 
 SCHEMA_VERSION = 1
-# The exit status of a command that has something to tell.
+# The exit status of a command with findings.
 FINDINGS = 1
 
 
@@ -49,7 +48,7 @@ class Checked:
     files: list[Path]
     capacity: float | None = None
     rest_current: float | None = None
-    read: Given = options_of(*HOW_READ)
+    read: Given = options_of("reading")
     as_json: bool = False
     quiet: bool = False
 
@@ -121,7 +120,7 @@ class Converted:
     files: list[Path]
     to: Literal["bdf"] = "bdf"
     out: Path | None = None
-    read: Given = options_of(*HOW_READ)
+    read: Given = options_of("reading")
     force: bool = False
     quiet: bool = False
 
@@ -142,9 +141,7 @@ def convert(what: Converted) -> None:
 
     stem = file.name.split(".")[0] if file.name != "-" else "record"
     path = what.out or Path(f"{stem}.{what.to}.parquet")
-    for given in what.files:
-        _require_another(path, given)
-    require_free_file(path, what.force)
+    require_free_file(path, what.force, what.files)
     if path.name.lower().endswith(".csv"):
         # Where its origin goes.
         origin = path.with_name(f"{path.name[:-4]}.json")
@@ -172,14 +169,6 @@ def convert(what: Converted) -> None:
         if not finding.counts:
             session.note(str(finding.about(record.name)))
     session.show([f"Battery Data Format, {record.samples:,} samples: [bold]{shown(path)}[/bold]"])
-
-
-def _require_another(path: Path, read: Path) -> None:
-    """Raise `InputError` where what is to be written is what is read."""
-    # Names that are no files are refused elsewhere, with the reason.
-    with suppress(OSError):
-        if path.samefile(read):
-            raise InputError(f"{path}: this is the file to read; choose another with `out`")
 
 
 @group
@@ -219,8 +208,7 @@ def export(chosen: ExportChoices) -> None:
         barnax.export.require_package(exporter)
     file = result / "result.json" if result.is_dir() else result
     path = chosen.out or file.with_name(exporter.file_name)
-    _require_another(path, file)
-    require_free_file(path, chosen.force)
+    require_free_file(path, chosen.force, [file])
     if not path.suffix:
         ending = Path(exporter.file_name).suffix
         raise InputError(f"{path}: has no ending; give `out` a name that ends in {ending}")

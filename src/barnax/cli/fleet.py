@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -15,8 +16,8 @@ import barnax
 from .. import reporting
 from ..errors import InputError, as_keys, counted
 from ..files import changed_ns, is_address, located, replacing
-from .options import OF_FILES, OF_RECORDS, OF_TABLES, Given, group, options_of, options_of_job
-from .output import Output, page_of, tell_unfinished
+from .options import Given, group, options_of, options_of_job
+from .output import Output, drawn_files, page_of, tell_unfinished
 from .session import Session, as_flags, require_platform, shown
 
 if TYPE_CHECKING:
@@ -31,19 +32,19 @@ MOST_PAGES = 20
 
 @group
 class FleetOptions:
-    """All that identifying a fleet can be told.
+    """Options of a fleet.
 
     Arguments:
         manifest ([MANIFEST]): Table in CSV, Parquet or TOML with one row per cell: id, records, ocv
             and further options; other columns are copied to the dataset.
 
     Files:
-        fleet (--from FOLDER): Fit the factors that a fleet kept; in place of a manifest, and
+        fleet (--from FOLDER): Fit the factors that a fleet kept; instead of a manifest, and
             without its records.
         group (COLUMN,...): With --from: rows that are alike in these columns are one cell.
         addresses (ADDRESS): What the manifest may read besides files: all below s3://bucket/folder;
             repeatable.
-        cell (RESULT): Result whose OCV and capacity all cells use; in place of --ocv.
+        cell (RESULT): Result whose OCV and capacity all cells use; instead of --ocv.
 
     Search:
         trust (none|basic): Compute intervals (basic) or not (none).
@@ -70,9 +71,9 @@ class FleetOptions:
     fleet: str | None = None
     group: str = "id"
     addresses: list[str] | None = None
-    files: Given = options_of(*OF_FILES)
-    of_records: Given = options_of(*OF_RECORDS)
-    search: Given = options_of("model", "method", "seeds", "key", "fix", *OF_TABLES)
+    files: Given = options_of("files")
+    of_records: Given = options_of("records")
+    search: Given = options_of("model", "method", "seeds", "key", "fix", "tables")
     trust: Literal["none", "basic"] = "basic"
     bounds: Path | None = None
     cell: Path | None = None
@@ -172,7 +173,7 @@ def fleet(given: FleetOptions) -> None:
     for folder in (out, *filter(Path.is_dir, out.iterdir())) if isinstance(out, Path) else ():
         tell_unfinished(session, folder)
     lines = [wording("fleet.done", state, session.elapsed_s)]
-    # Shards run beside each other: the command that takes them together writes the report.
+    # Shards run at the same time: the command that joins them writes the report.
     if given.shard:
         lines += [wording("fleet.of_shard", given.shard), str(out)]
     else:
@@ -219,10 +220,9 @@ def _summed_up(
         with suppress(InputError, KeyError):
             alone = replace(by_id[name], validate=())
             # All cells of a pack would be identified again.
-            if "pack_cells" in alone.options:
-                continue
-            result, _ = identified(alone, settings | {"trust": "none"})
-            worst[name] = result.without_tables().evaluations.identification[0]
+            if "pack_cells" not in alone.options:
+                result, _ = identified(alone, settings | {"trust": "none"})
+                worst[name] = result.without_tables().evaluations.identification[0]
     drawn = reporting.fleet.fleet_illustrations(rows, worst)
     document = reporting.fleet.fleet_document(summary, drawn)
     with replacing(out / "report.html") as file:
@@ -258,7 +258,7 @@ class LifeOptions:
 
 
 def life(given: LifeOptions, output: Output) -> None:
-    """Show how a fleet's cells age, and name the odd ones.
+    """Show how a fleet's cells age, and flag outliers.
 
     Trends of capacity, resistances and OCV have 95 % intervals, are smooth in age
     and pooled over the fleet. What the records do not determine is said, not
@@ -286,7 +286,7 @@ def life(given: LifeOptions, output: Output) -> None:
         return {"trends.parquet": table.getvalue(), **_pages(trends, pages)}
 
     run.show(shown(as_flags(line)) for line in reporting.life.life_lines(trends))
-    run.deliver("life.json", reporting.life.life_json(trends), files)
+    run.deliver({"life.json": reporting.life.life_json(trends)}, files)
     names = ["report.html", "trends.parquet", "life.json"]
     run.show_written(names, f"{len(pages)} pages in cells" if names[0] in run.written else "")
 
@@ -294,8 +294,8 @@ def life(given: LifeOptions, output: Output) -> None:
 def _pages(trends: "Life", cells: Iterable[str]) -> dict[str, bytes]:
     plots, illustrate = barnax.plots, reporting.illustrations.illustrate
     drawn = [illustrate("life", "all cells", plots.plot_fleet_life, trends)]
-    document = reporting.life.life_document(trends, drawn).with_option_names(as_flags)
-    files = reporting.render.report_files(document, drawn)
+    document_of = partial(reporting.life.life_document, trends)
+    files = drawn_files(lambda: drawn, document_of, report=True, paper=False)
     for number, cell in enumerate(cells, 1):
         pictures = [illustrate(f"cell-{number}", cell, plots.plot_cell_life, trends, cell)]
         page = reporting.life.cell_document(trends, cell, pictures)

@@ -4,7 +4,6 @@ import shlex
 import threading
 from dataclasses import fields, replace
 from functools import partial
-from itertools import chain
 from pathlib import Path
 from typing import Literal
 
@@ -16,42 +15,21 @@ from .. import reporting
 from ..errors import InputError
 from ..files import is_factor_file
 from ..settings import Reading, TableOptions
-from .options import (
-    OF_FILES,
-    OF_RECORDS,
-    OF_SEARCH,
-    OF_TABLES,
-    Given,
-    group,
-    options_of,
-    options_of_job,
-)
-from .output import (
-    DEFAULT_FOLDER,
-    PLAN,
-    TABLES,
-    Delivery,
-    Output,
-    drawn_files,
-    new_run,
-    require_free,
-    tell_elsewhere,
-    write_folder,
-)
+from .options import Given, group, options_of, options_of_job
+from .output import DEFAULT_FOLDER, PLAN, TABLES, Delivery, Output, drawn_files, new_run
 from .session import Session, as_flags, flag_of
 
 
 @group
 class Identification:
-    """All that identifying a circuit can be told.
+    """Options of an identification.
 
     Output:
-        design (FOLDER): Show what this barnax design promised beside what the record reached.
+        design (FOLDER): Compare the intervals that this barnax design promised with those reached.
     """
 
     job: Given = options_of(
-        *(*OF_FILES, *OF_RECORDS, "model", "trust", "setup", "method"),
-        *(*OF_SEARCH, *OF_TABLES),
+        "files", "records", "model", "trust", "setup", "method", "search", "tables"
     )
     report: bool = False
     live: bool = False
@@ -71,7 +49,7 @@ class Records:
 
     Files:
         plan: Only print the plan, as TOML: what would be done with which file. identify accepts it
-            in place of the folder.
+            instead of the folder.
     """
 
     records: list[Path] | None = None
@@ -105,14 +83,14 @@ def identify(options: Identification, on: Records) -> None:
 
 def _fit_factors(options: Identification, paths: list[Path]) -> None:
     """Tables of records of which only factors were kept, on the screen; files of `out` if given."""
-    session = Session(is_quiet=options.output.quiet)
-    session.load_jax()
+    run = options.output.begun(None)
+    run.load_jax()
     from ..factors import read_factors
     from ..over_soc.fits import TableFits
     from ..over_soc.kept import fit_kept
     from ..run_setup import bounded_tables
 
-    job = barnax.Job(**options_of_job(options.job), watch=session.watch)
+    job = barnax.Job(**options_of_job(options.job), watch=run.watch)
     usable = {field.name for field in fields(TableOptions)} | {"bounds", "fix", "watch"}
     shown = {name: getattr(options, name) for name in ("report", "live", "paper", "design")}
     shown |= {"json": options.output.as_json}
@@ -124,18 +102,13 @@ def _fit_factors(options: Identification, paths: list[Path]) -> None:
             f"{what} does nothing for factor files, whose records were read and set up when "
             "they were kept; leave it out, or identify on the records"
         )
-    folder = options.output.out
-    if folder is not None:
-        require_free(folder, options.output.force)
     kept = [record for path in paths for record in read_factors(path)]
     fit = fit_kept(kept, bounded_tables(job, but="[F]"))
-    session.show_document(reporting.records.kept_document(kept, fit))
-    if folder is not None:
-        tables = {TABLES: reporting.parameters.tables_csv(TableFits((fit,)))}
-        written = write_folder(folder, tables, options.output.force)
-        tell_elsewhere(session, folder, written)
-        session.show(["", str(written / TABLES)])
-    session.warn(fit.warnings)
+    run.show_document(reporting.records.kept_document(kept, fit))
+    if run.folder is not None:
+        run.write({TABLES: reporting.parameters.tables_csv(TableFits((fit,)))})
+        run.show(["", str(run.folder / TABLES)])
+    run.warn(fit.warnings)
 
 
 def _print_plan(options: Identification, records: list[Path]) -> None:
@@ -174,14 +147,17 @@ def _run(
     plan = barnax.plan.with_choices(chosen or barnax.plan.plan_given(job, command), job)
     if promise is not None:
         plan = _sampled_by(promise, plan)
-    # Where roles were chosen, why is told while it runs.
+    # Where roles were chosen, the reasons are printed while it runs.
     are_chosen = all(part.reason for part in plan.parts) and not plan.missing
     if are_chosen:
         run.show_document(reporting.wording.document("planned", plan=plan))
     job = barnax.Job(plan, watch=run.watch) if records else job
     is_pulsed = command == "hppc" and not records
     result = barnax.hppc(job) if is_pulsed else barnax.identify(job)
-    unseen = None
+    texts = {"result.json": result.to_json()}
+    # A name that no plan can hold costs the plan.
+    if plan.unwritable is None:
+        texts[PLAN] = barnax.plan_to_toml(barnax.plan.with_whole_paths(plan, result.inputs))
     try:
         if plan.stored and not are_chosen:
             run.show_document(reporting.wording.document("planned", plan=plan))
@@ -191,18 +167,11 @@ def _run(
         run.show_document(reporting.first_screen.first_screen(result))
         if promise is not None:
             run.show_document(reporting.design.promised_screen(promise, result))
-    except OSError as problem:
+    finally:
         # A screen that takes no more, such as a closed pipe, costs no result.
-        unseen = problem
-    draw = partial(result_files, result, options.report, options.paper, options.live)
-    beside: dict[str, str] = {}
-    # A name that no plan can hold costs the plan.
-    if plan.unwritable is None:
-        beside[PLAN] = barnax.plan_to_toml(barnax.plan.with_whole_paths(plan, result.inputs))
-    run.deliver("result.json", result.to_json(), draw, beside)
-    if unseen is not None:
-        raise unseen
-    run.show(reporting.terminal.next_lines(*_next(result, run, plan, options.design)))
+        draw = partial(result_files, result, options.report, options.paper, options.live)
+        run.deliver(texts, draw)
+    run.show([reporting.terminal.next_step(*_next(result, run, plan, options.design))])
     names = ["report.html", "result.json", TABLES, "pulses.csv", "figures"]
     run.show_written(names, following=f"barnax show --all {shlex.quote(str(run.folder))}")
     run.warn(result.warnings, result.notes)
@@ -245,7 +214,7 @@ def _next(
 ) -> tuple[str, str]:
     """The next step, and the command for it, empty where there is none.
 
-    Options are given beside the plan that the run wrote; a design is met by the next run too.
+    Options are added to the plan that the run wrote; a design is compared by the next run too.
     """
     from ..records.source import STDIN
 
@@ -273,24 +242,26 @@ def _with_record(plan: "barnax.Plan", name: str) -> list[str]:
     more than its files was given, which no words here repeat."""
     from ..plan.document import GIVEN
 
-    roles = {"identification": [], "--ocv": [], "--validate": []}
-    for part in plan.parts:
-        role = "identification" if part.name == name else part.role
-        role = {"OCV test": "--ocv", "validation": "--validate"}.get(role, role)
-        if role in roles:
-            roles[role] += [*[role][: role.startswith("--")], *map(str, part.paths)]
+    flags = {"identification": [], "OCV test": ["--ocv"], "validation": ["--validate"]}
+    words = [
+        word
+        for role, flag in flags.items()
+        for part in plan.parts
+        if role == ("identification" if part.name == name else part.role)
+        for word in (*flag, *map(str, part.paths))
+    ]
     is_given = GIVEN in plan.reasons.values() or any(
         part.span_s
         or not part.reason
         or (part.window.initial_soc is not None and not part.plans_soc)
         for part in plan.parts
     )
-    return [] if is_given or plan.window != barnax.Window() else [*chain(*roles.values())]
+    return [] if is_given or plan.window != barnax.Window() else words
 
 
 @group
 class OfPack:
-    """The file of a pack, and how its cells are told.
+    """The file of a pack, and its cells.
 
     Arguments:
         record (FILE): Record with one current and many cell voltages.
@@ -304,11 +275,11 @@ class OfPack:
     record: Path
     cells: str | None = None
     separate_time_constants: bool = False
-    job: Given = options_of(*OF_FILES, *OF_RECORDS, *OF_TABLES)
+    job: Given = options_of("files", "records", "tables")
 
 
 def pack(on: OfPack, output: Output) -> None:
-    """Identify every cell of a pack, and name the odd ones.
+    """Identify every cell of a pack, and flag outliers.
 
     Prints resistances, capacity and SOC relative to the mean cell. Writes
     cells.csv, a fleet's dataset of them, a figure, and the mean cell's
@@ -332,7 +303,7 @@ def pack(on: OfPack, output: Output) -> None:
             "figures/cells.png": barnax.plots.encode(identified.figure()),
         }
 
-    beside = {"cells.csv": reporting.fleet.cells_csv(identified)}
-    run.deliver("result.json", identified.result.to_json(), draw, beside)
+    texts = {"result.json": identified.result.to_json()}
+    run.deliver(texts | {"cells.csv": reporting.fleet.cells_csv(identified)}, draw)
     run.show_written(["cells.csv", "cells.parquet", "result.json", "figures"])
     run.warn(identified.result.warnings)

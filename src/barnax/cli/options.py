@@ -6,8 +6,8 @@ Fields of the panel "Arguments" are words without a name. What several groups ha
 `Shared`; options of a job are those of `barnax.identify`, from `settings.py`.
 
 Help is one screen. Where all options take more, it has the usual ones with the first words on each,
-and `--help-all` has every one by its panel. What is for research alone is no option: it stands in a
-plan, or is given in Python.
+and `--help-all` has every one by its panel. What is for research alone is no option: it is a key
+of a plan, or an argument in Python.
 """
 
 import functools
@@ -46,7 +46,7 @@ PANELS = {
 }
 # Types of values that are read as they are.
 PLAIN = {int, float, str, bool, type(None)}
-# Where a field keeps the options that it stands for.
+# The metadata of a field with the options that it is made of.
 DECLARED = "declared"
 SECTION = re.compile(r"^(\S.*):\n((?:    .*\n?)+)", re.M)
 ENTRY = re.compile(r"    (\w+)(?: \(([^()]*)\))?: (.*(?:\n {8}.*)*)")
@@ -122,7 +122,7 @@ class Shared:
         result (RESULT): The folder that identify wrote, or its result.json.
 
     Files:
-        data (FOLDER): Folder of the measured files (default: here and beside the result);
+        data (FOLDER): Folder of the measured files (default: here and next to the result);
             repeatable.
 
     Output:
@@ -157,7 +157,7 @@ class Paths:
 
 
 def _parameters(kind: type) -> Iterator[inspect.Parameter]:
-    """The options of a group, those of its groups in their place."""
+    """The options of a group and of the groups in it, in their order."""
     hints, entries = get_type_hints(kind), documented(Shared) | documented(kind)
     for member in fields(kind):
         name, more = member.name, dict(member.metadata)
@@ -188,35 +188,29 @@ def _of_job() -> Iterator[inspect.Parameter]:
 
 
 OF_JOB = {option.name: option for option in _of_job() if option.name not in RESEARCH}
-# Those of files, of their records, of the search and of tables.
-HOW_READ = ("current_sign", "current_hold", "voltage_lag", "columns", "series")
-OF_FILES = ("ocv", "validate", "ocv_capacity", "ocv_fit", *documented(Reading))
-OF_RECORDS = (*WINDOW_OPTIONS,)
-OF_SEARCH = (
-    *("objective", "coordinates", "seeds", "population", "iterations", "key"),
-    *("bounds", "fix"),
-)
-OF_TABLES = ("over", "resistances_follow", "keep_starts")
-# Left out of a help that is longer than a screen.
-RARE = {
-    *OF_JOB,
-    "design",
-    "live",
-    "paper",
-    "as_json",
-    "addresses",
-    "group",
-    "scheduler",
-    "shard",
-} - {
-    *("ocv", "validate", "capacity", "temperature", "initial_soc", "current_sign", "columns"),
-    *("series", "model", "over", "trust", "bounds"),
+# Options of a job that commands have together.
+GROUPS = {
+    "reading": ("current_sign", "current_hold", "voltage_lag", "columns", "series"),
+    "files": ("ocv", "validate", "ocv_capacity", "ocv_fit", *documented(Reading)),
+    "records": (*WINDOW_OPTIONS,),
+    "search": (
+        *("objective", "coordinates", "seeds", "population", "iterations", "key"),
+        *("bounds", "fix"),
+    ),
+    "tables": ("over", "resistances_follow", "keep_starts"),
 }
+# What a help that is longer than a screen has of them, and what it leaves out of the others.
+USUAL = {"ocv", "validate", "capacity", "temperature", "initial_soc", "current_sign", "columns"}
+USUAL |= {"series", "model", "over", "trust", "bounds"}
+RARE = {"design", "live", "paper", "as_json", "addresses", "group", "scheduler", "shard"}
+RARE |= {*OF_JOB} - USUAL
 
 
 def options_of(*names: str) -> Any:
-    """Options of a job in a group, which gets those that were given, by name."""
-    return field(metadata={DECLARED: {name: OF_JOB[name] for name in names}})
+    """Options of a job, or `GROUPS` of them, in a group, which gets those that were given, by
+    name."""
+    every = [option for name in names for option in GROUPS.get(name, (name,))]
+    return field(metadata={DECLARED: {name: OF_JOB[name] for name in every}})
 
 
 class Command(TyperCommand):
@@ -246,11 +240,8 @@ class Command(TyperCommand):
         panels: dict[str, list[tuple[str, str]]] = {ARGUMENTS: []}
         for shown in self.get_params(ctx):
             flags = "/".join([", ".join(sorted(shown.opts)), *shown.secondary_opts])
-            is_argument, text = (
-                shown.param_type_name == "argument",
-                getattr(shown, "help", None) or "",
-            )
-            metavar = shown.metavar or ""
+            is_argument = shown.param_type_name == "argument"
+            text, metavar = getattr(shown, "help", None) or "", shown.metavar or ""
             words = metavar if is_argument else f"{flags} {metavar}".strip()
             panel = getattr(shown, "rich_help_panel", None) or "Output"
             if not is_whole:

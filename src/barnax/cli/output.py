@@ -14,12 +14,11 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 import typer
-from rich.text import Text
 
 import barnax
 
 from .. import reporting
-from ..errors import InputError, printable
+from ..errors import InputError
 from ..files import aside, locked, restore, undisturbed, unfinished, write_whole
 from .options import group
 from .session import Session, as_flags
@@ -28,7 +27,7 @@ DEFAULT_FOLDER = "barnax-out"
 # One of these is in every folder of results, but for those of factors, which have only tables.
 RESULTS = ("result.json", "comparison.json", "soc.json", "design.json", "life.json")
 TABLES = "tables.csv"
-# The file beside a result by which the run is repeated.
+# The file next to a result by which the run is repeated.
 PLAN = "plan.toml"
 # What barnax wrote into a folder, each file with its SHA-256: all else is the user's, whatever its
 # name, and so is what was changed since.
@@ -53,16 +52,15 @@ class Output:
     verbose: bool = False
     quiet: bool = False
 
-    def begun(self, default: str, inputs: Iterable[Path] = ()) -> "Delivery":
+    def begun(self, default: str | None, inputs: Iterable[Path] = ()) -> "Delivery":
         """The run of a command. Raises `InputError` where an input is missing, or results cannot go
-        to their folder."""
+        to their folder; without a default there is one only where it is given."""
         for path in inputs:
             require_there(path)
-        folder = self.out or (None if self.as_json else Path(default))
-        if folder is not None:
-            require_free(folder, self.force)
+        folder = self.out or (None if self.as_json or default is None else Path(default))
         run = Delivery(self, folder)
         if folder is not None:
+            require_free(folder, self.force)
             tell_unfinished(run, folder.resolve().parent)
         return run
 
@@ -75,31 +73,29 @@ class Delivery(Session):
         self.output, self.folder = output, folder
         self.written: set[str] = set()
 
-    def deliver(
-        self,
-        name: str,
-        document: str,
-        draw: Callable[[], Mapping[str, bytes]],
-        beside: Mapping[str, str] | None = None,
-    ) -> None:
-        """Write a result under its name with its figures and what stands `beside` it, and print it,
-        as far as is wanted. What fails to be drawn costs only itself."""
-        texts = {name: document, **(beside or {})}
+    def deliver(self, texts: Mapping[str, str], draw: Callable[[], Mapping[str, bytes]]) -> None:
+        """Write texts, the first of which is the result, with the figures, and print the result, as
+        far as is wanted. What fails to be drawn costs only itself."""
         files = {name: text.encode() for name, text in texts.items()}
         if self.folder is not None:
             with self.watch("Drawing figures"):
                 try:
                     files |= draw()
                 except Exception as problem:
-                    self.warn(
-                        [f"the figures could not be drawn ({problem}); the result is written"]
-                    )
-            files["timings.json"] = self.timings_json()
-            written = write_folder(self.folder, files, self.output.force)
-            tell_elsewhere(self, self.folder, written)
-            self.folder, self.written = written, {*files}
+                    words = f"the figures could not be drawn ({problem}); the result is written"
+                    self.warn([words])
+            self.write(files | {"timings.json": self.timings_json()})
         if self.output.as_json:
-            typer.echo(document, nl=False)
+            typer.echo(next(iter(texts.values())), nl=False)
+
+    def write(self, files: Mapping[str, bytes]) -> None:
+        """Put files into the folder, or into the next one that is free, which is then said."""
+        assert self.folder is not None
+        folder, self.written = self.folder, {*files}
+        self.folder = write_folder(folder, files, self.output.force)
+        if self.folder != folder:
+            where = f"the results are in {self.folder}"
+            self.warn([f"{folder}: something else has appeared there; {where}"])
 
     def show_written(self, names: Sequence[str], remark: str = "", following: str = "") -> None:
         """Print which of these files and folders were written, a remark, and how long all took."""
@@ -107,8 +103,8 @@ class Delivery(Session):
             heads = self.written | _folders(self.written)
             first, *others = (name for name in names if name in heads)
             words = (*others, remark, f"{self.elapsed_s:.1f} s", following)
-            line = printable("  ".join(filter(None, (f"{self.folder}/{first}", *words))))
-            self.show(["", Text(f"  {line}", no_wrap=True)])
+            line = "  ".join(filter(None, (f"  {self.folder}/{first}", *words)))
+            self.show(["", reporting.terminal.whole_line(line)])
 
 
 def page_of(document: "reporting.document.Document") -> bytes:
@@ -165,11 +161,10 @@ def require_free(folder: Path, is_forced: bool) -> None:
             with suppress(FileNotFoundError):
                 os.lstat(existing / name)
         with suppress(FileNotFoundError):
-            names = sorted(os.listdir(target))
-            ours, _ = _ours_and_theirs(target)
-            if names and ours.isdisjoint(_results_in(target)):
+            names, results = sorted(os.listdir(target)), sorted(_results_in(target))
+            if names and _ours_and_theirs(target)[0].isdisjoint(results):
                 words = f"holds {names[0]!r}, which barnax did not write"
-                if results := sorted(_results_in(target)):
+                if results:
                     words = f"{results[0]!r} was changed since barnax wrote it"
                 raise InputError(f"{folder}: {words}; {another}")
             if names and not is_forced:
@@ -203,7 +198,7 @@ def write_folder(folder: Path, files: Mapping[str, bytes], is_forced: bool) -> P
             _write(fresh / name, content)
         ours, theirs = _ours_and_theirs(target)
         is_replaced = is_forced and not ours.isdisjoint(_results_in(target))
-        # What would take the place of something of the user's.
+        # What would replace something of the user's.
         clashes = [name for name in files if (target / name).is_dir()]
         clashes += theirs & (files.keys() | _folders(files))
         if clashes or not is_replaced:
@@ -277,7 +272,7 @@ def _hash(content: bytes) -> str:
 
 
 def free_names(path: Path) -> Iterator[Path]:
-    """The place itself where nothing or an empty folder is, and the free names after it."""
+    """The path itself where nothing or an empty folder is, and the free names after it."""
     for number in itertools.count(1):
         free = path if number == 1 else path.with_name(f"{path.name}-{number}")
         if not os.path.lexists(free) or (free.is_dir() and not any(free.iterdir())):
@@ -322,13 +317,19 @@ def _ours_and_theirs(folder: Path) -> tuple[set[str], set[str]]:
     return ours, there.keys() - ours
 
 
-def require_free_file(path: Path, is_forced: bool) -> None:
-    """Raise `InputError` where a file cannot go to `path`. Called before any work is done."""
+def require_free_file(path: Path, is_forced: bool, read: Iterable[Path] = ()) -> None:
+    """Raise `InputError` where a file cannot go to `path`, or it is one that is read. Called before
+    any work is done."""
+    for other in read:
+        # Names that are no files are refused elsewhere, with the reason.
+        with suppress(OSError):
+            if path.samefile(other):
+                raise InputError(f"{path}: this is the file to read; choose another with `out`")
     another = "give `out` another file"
     with _described(path, another):
         target = path.resolve()
         if target.is_symlink():
-            # It leads to itself, which `resolve` does not tell from Python 3.13 on.
+            # It leads to itself, which `resolve` does not say from Python 3.13 on.
             target.stat()
         if target.is_dir():
             raise InputError(f"{path}: is a folder; give `out` a file in it")
@@ -340,7 +341,7 @@ def require_free_file(path: Path, is_forced: bool) -> None:
 
 
 def _writable(path: Path, target: Path, another: str) -> Path:
-    """The nearest folder above a place that is there. Raises `InputError` unless one can write
+    """The nearest existing folder above a path. Raises `InputError` unless one can write
     to it."""
     existing = next(parent for parent in target.parents if parent.exists())
     if not existing.is_dir() or not os.access(existing, os.W_OK):
@@ -364,12 +365,6 @@ def add_file(path: Path, content: bytes) -> None:
                 write_whole(path.parent / LIST, _listed({**listed, path.name: _hash(content)}))
 
 
-def tell_elsewhere(session: Session, folder: Path, written: Path) -> None:
-    """Say where results went if something else took their folder meanwhile."""
-    if written != folder:
-        session.warn([f"{folder}: something else has appeared there; the results are in {written}"])
-
-
 def tell_unfinished(session: Session, folder: Path) -> None:
     """Say what killed commands left in a folder, as far as it is there."""
     session.warn(
@@ -382,7 +377,7 @@ def tell_unfinished(session: Session, folder: Path) -> None:
 
 @contextmanager
 def _described(path: Path, remedy: str) -> Iterator[None]:
-    """Turn what the system says into an `InputError` that names the place."""
+    """Turn what the system says into an `InputError` that names the path."""
     try:
         yield
     # Before Python 3.13 a link that leads to itself is a RuntimeError.

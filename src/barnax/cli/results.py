@@ -15,7 +15,7 @@ from .. import reporting
 from ..errors import InputError
 from ..notices import Notice
 from ..settings import Reading, Window
-from .options import HOW_READ, OF_RECORDS, Given, group, options_of, windows_by_record
+from .options import Given, group, options_of, windows_by_record
 from .output import RESULTS, Output, add_file, drawn_files, page_of, require_free_file, write_file
 from .session import Session, prepare_jax, shown
 
@@ -38,8 +38,8 @@ class OnRecord:
 
     result: Path
     record: Path
-    of_records: Given = options_of(*OF_RECORDS)
-    read: Given = options_of(*HOW_READ)
+    of_records: Given = options_of("records")
+    read: Given = options_of("reading")
     whole_record: bool = False
 
     def meeting(self, stored: "barnax.Result") -> "tuple[Source, Window | None]":
@@ -215,7 +215,7 @@ def soc(on: OnRecord, chosen: FilterOptions, output: Output) -> None:
         return [reporting.illustrations.illustrate("soc", replay.record, plot, replay)]
 
     draw = partial(drawn_files, drawn, document_of, chosen.report, chosen.paper)
-    run.deliver("soc.json", replay.to_json(), draw)
+    run.deliver({"soc.json": replay.to_json()}, draw)
     run.show_document(reporting.records.soc_screen(replay))
     run.show_written([PAGE, "soc.json", "figures"])
     run.warn(replay.warnings)
@@ -230,7 +230,7 @@ class Stored:
             result.json, comparison.json or soc.json.
 
     Output:
-        out (FILE): The page (default: report.html beside the result).
+        out (FILE): The page (default: report.html next to the result).
     """
 
     result: Path

@@ -133,12 +133,11 @@ class Session:
         if not self._is_quiet:
             for block in blocks:
                 # What is to be copied stays in one line, however narrow the terminal.
-                is_whole = isinstance(block, Text) and bool(block.no_wrap)
-                self._console.print(block, soft_wrap=is_whole, crop=False)
+                self._console.print(block, soft_wrap=isinstance(block, Text), crop=False)
 
     def show_document(self, document: "reporting.document.Document") -> None:
         """Print a document, with options as the command line spells them."""
-        self.show(reporting.terminal.to_terminal(document.with_option_names(as_flags)))
+        self.show([reporting.terminal.to_terminal(document.with_option_names(as_flags))])
 
     def note(self, text: str) -> None:
         """Print a sentence to stderr, unless the command is quiet."""
@@ -175,7 +174,7 @@ def prepare_jax() -> None:
 
 
 def require_platform() -> None:
-    """Raise `InputError` where JAX is told to compute on what is not there."""
+    """Raise `InputError` where JAX is set to compute on a device that is missing."""
     platforms = devices.given_platforms()
     if set(platforms.values()) <= {"cpu", ""}:
         return

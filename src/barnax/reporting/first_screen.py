@@ -12,8 +12,8 @@ from ..cell.soc_axis import ABOVE_SOC
 from ..checks.roles import are_unfit
 from ..plan.choosing import MAKE_RECORD
 from ..settings import OVER_TEMPERATURE
-from .document import Bullets, Document, Lines, Table, screen
-from .pulses import middle_table
+from .document import Document
+from .pulses import middle_facts
 from .view import View
 from .wording import document, wording
 from .words import joined, percent, symbol
@@ -25,18 +25,7 @@ if TYPE_CHECKING:
 
 def first_screen(result: "Result") -> Document:
     """The answer's errors and parameters, how far to believe it, and the assumptions behind it."""
-    view = View(result)
-    made = document("screen", view=view)
-    tables = [section.blocks for section in made.sections if isinstance(section.blocks[0], Table)]
-    if pulses := middle_table(result):
-        tables.append((pulses,))
-    lines = (
-        f"{section.title}: {text}"
-        for section in made.sections
-        for block in section.blocks
-        for text in (block.items if isinstance(block, Bullets) else ())
-    )
-    return screen(*tables, [Lines(tuple(lines))])
+    return document("screen", view=View(result), middle_facts=middle_facts(result))
 
 
 # What was not used is predicted badly where its error exceeds this multiple of the fit's, and this

@@ -14,6 +14,7 @@ from ..plots.voltage import MAX_NUMBERS, live_record
 from ..pulses import levels, pulses_of
 from .document import Picture
 from .wording import sentences, wording
+from .words import numbered
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -55,11 +56,8 @@ def record_roles(identified: int, validated: int) -> list[str]:
     >>> record_roles(1, 2)
     ['identification', 'validation-1', 'validation-2']
     """
-    first = [f"identification-{number}" for number in range(1, identified + 1)]
-    return [
-        *(first if identified > 1 else ["identification"]),
-        *(f"validation-{number}" for number in range(1, validated + 1)),
-    ]
+    first = (name.replace(" ", "-") for name in numbered("identification", identified))
+    return [*first, *(f"validation-{number}" for number in range(1, validated + 1))]
 
 
 def identification_illustrations(result: "Result", *, live: bool = False) -> Drawn:

@@ -10,8 +10,6 @@ from ..cell.model import REFERENCE_DEGC, SAME_DEGC
 from ..errors import escaped
 from ..files import csv_text
 from ..pulses import STANDARD_S, Pulse, levels, rate_label
-from .document import Table
-from .wording import table
 
 if TYPE_CHECKING:
     from ..results import Result
@@ -59,14 +57,14 @@ def pulse_facts(result: "Result") -> tuple[Any, ...]:
     return _levels(result), *_heads(result)
 
 
-def middle_table(result: "Result") -> Table | None:
-    """A line for each direction, rate and temperature: its resistances in the middle of SOC; None
-    where no pulses tell any."""
+def middle_facts(result: "Result") -> tuple[Any, ...] | None:
+    """The resistances in the middle of SOC of each direction, rate and temperature; None where no
+    pulses tell any."""
     times = _times(result.pulses)
     rows = [(level.label, [*map(level.middle_ohm, times)]) for level in _levels(result)]
     # Such as of a drive cycle's last pulses.
     rows = [row for row in rows if any(ohm is not None for ohm in row[1])]
-    return table("pulses.middle", rows, times, MIDDLE_SOC, *_heads(result)) if rows else None
+    return (rows, times, MIDDLE_SOC, *_heads(result)) if rows else None
 
 
 def _levels(result: "Result") -> list[Level]:

@@ -35,32 +35,17 @@ def escape_markdown(text: str) -> str:
 
 def table_lines(table: Table) -> str:
     """A table whose columns are aligned in the source too."""
-    head = [escape_markdown(column.head) for column in table.columns]
-    body = [
-        [
-            f"**{escape_markdown(cell)}**" if (row, index) in table.best else escape_markdown(cell)
-            for index, cell in enumerate(cells)
-        ]
-        for row, cells in enumerate(table.rows)
-    ]
-    is_number = [column.role == "number" for column in table.columns]
-    widths = [max(3, *map(cell_len, column)) for column in zip(head, *body, strict=True)]
-    rule = [
-        "-" * (width - right) + ":" * right for width, right in zip(widths, is_number, strict=True)
-    ]
-    lines = [
-        " | ".join(
-            _padded(cell, width, right)
-            for cell, width, right in zip(cells, widths, is_number, strict=True)
-        )
-        for cells in [head, rule, *body]
-    ]
-    return "\n".join(f"| {line} |" for line in lines)
-
-
-def _padded(cell: str, width: int, to_the_right: bool) -> str:
-    blanks = " " * (width - cell_len(cell))
-    return blanks + cell if to_the_right else cell + blanks
+    columns = []
+    for index, column in enumerate(table.columns):
+        cells = [escape_markdown(row[index]) for row in table.rows]
+        best = [(number, index) in table.best for number in range(len(cells))]
+        cells = [f"**{cell}**" if bold else cell for cell, bold in zip(cells, best, strict=True)]
+        head, is_number = escape_markdown(column.head), column.role == "number"
+        width = max(3, cell_len(head), *map(cell_len, cells))
+        rule = "-" * (width - is_number) + ":" * is_number
+        blanks = [(cell, " " * (width - cell_len(cell))) for cell in (head, rule, *cells)]
+        columns.append([blank + cell if is_number else cell + blank for cell, blank in blanks])
+    return "\n".join(f"| {' | '.join(line)} |" for line in zip(*columns, strict=True))
 
 
 BLOCKS = (Paragraph, Bullets, Table, Picture)

@@ -3,7 +3,7 @@
 A template of `templates/words` makes lines, and how a line begins says what it is:
 
     = the title of a document     # a section     - a sentence of a list     ! a warning of a list
-    & a pattern of figures' names, each where it is first asked for
+    : a sentence with its head    & a pattern of figures' names, each where it is first asked for
     ^ the caption of a table      ~ no caption, and no line below the heads
     | heads, a rule and rows, as Markdown writes a table: `---:` is the rule of numbers, `:--` that
       of a column that stays beside the one before it
@@ -37,6 +37,7 @@ from .document import (
     Block,
     Bullets,
     Document,
+    Lines,
     Paragraph,
     Picture,
     Role,
@@ -47,7 +48,7 @@ from .document import (
     readable,
 )
 
-MARKS = "=#-!&^~|"
+MARKS = "=#-!:&^~|"
 # Stands for a bar in a value, which ends no cell.
 BAR = "\ue001"
 # What a column holds by its rule.
@@ -75,7 +76,7 @@ CONSTANTS |= {"SAME": 0.01}
 CONSTANTS |= {"APART": 0.1}
 
 
-class Lines(str):
+class Made(str):
     """Lines that a macro made."""
 
     __slots__ = ()
@@ -113,7 +114,8 @@ def _document(text: str, pictures: Iterable[Picture] = ()) -> Document:
         elif mark == "":
             sections[-1][1].extend(map(Paragraph, texts))
         else:
-            sections[-1][1].append(Bullets(tuple(texts), are_warnings=mark == "!"))
+            items = tuple(texts)
+            sections[-1][1].append(Lines(items) if mark == ":" else Bullets(items, mark == "!"))
     filled = (Section(name, tuple(parts)) for name, parts in sections if parts)
     return Document(title, summary, tuple(filled))
 
@@ -187,8 +189,13 @@ def _on_one_line(text: str) -> str:
 
 
 def _in_one_cell(value: Any) -> Any:
-    is_text = isinstance(value, str) and not isinstance(value, Lines)
+    is_text = isinstance(value, str) and not isinstance(value, Made)
     return _on_one_line(value).replace("|", BAR) if is_text else value
+
+
+def _headed(text: str, head: str) -> Made:
+    """The sentences of a macro, each with its head."""
+    return Made("\n".join(f": {head}: {sentence}" for _, sentence in _items(text)))
 
 
 @cache
@@ -206,6 +213,11 @@ def _templates() -> Environment:
     functions = {name: value for name, value in vars(words).items() if isfunction(value)}
     functions |= {"median": median, "alike": alike}
     functions |= {"readable": readable, "parameter_heads": parameter_heads}
-    templates.filters |= {**functions, "lines": Lines, "sentences_of": sentences_of}
+    templates.filters |= {
+        **functions,
+        "lines": Made,
+        "headed": _headed,
+        "sentences_of": sentences_of,
+    }
     templates.globals.update({**functions, **CONSTANTS})  # pyrefly: ignore
     return templates

@@ -107,7 +107,7 @@ def test_a_long_stage_says_without_a_terminal_how_long_it_takes_at_intervals_tha
     session = Session(is_quiet=False)
     session._report("Searching", SimpleNamespace(elapsed=20.0, completed=1, total=4), Twice())
     assert waits == [10.0, 20.0, 40.0]
-    assert capsys.readouterr().err == 2 * "Searching: 20 s, 1 of 4, about 60 s left\n"
+    assert capsys.readouterr().err == 2 * "Searching: 0:00:20, 1 of 4, about 0:01:00 left\n"
 
 
 def test_only_a_command_that_is_not_quiet_reports_a_long_stage(capsys, monkeypatch):

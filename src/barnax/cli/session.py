@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from datetime import timedelta
 from importlib import import_module
 from typing import Any
 
@@ -104,14 +105,18 @@ class Session:
                 is_over.set()
 
     def _report(self, title: str, task: Task, is_over: threading.Event) -> None:
-        """Print how far a stage is, at intervals that double, until it is over."""
-        wait_s, duration = PATIENCE_S, reporting.words.duration
+        """Print how far a stage is, at intervals that double, until it is over.
+
+        It imports nothing: a thread that waits for a module can break its import in another one.
+        """
+        wait_s = PATIENCE_S
         while not is_over.wait(wait_s):
             wait_s, elapsed_s, steps = 2 * wait_s, task.elapsed or 0.0, ""
             if task.total and task.completed:
-                left_s = elapsed_s * (task.total / task.completed - 1)
-                steps = f", {task.completed:g} of {task.total:g}, about {duration(left_s)} left"
-            self.note(f"{title}: {duration(elapsed_s)}{steps}")
+                left_s = round(elapsed_s * (task.total / task.completed - 1))
+                left = f"about {timedelta(seconds=left_s)} left"
+                steps = f", {task.completed:g} of {task.total:g}, {left}"
+            self.note(f"{title}: {timedelta(seconds=round(elapsed_s))}{steps}")
 
     def load_jax(self) -> None:
         """A stage in which JAX is loaded, and what identifies with it."""

@@ -21,6 +21,7 @@ def inputs():
 @example(line=0, off_s=1e7, is_late=True, run=1)
 @example(line=1, off_s=1e7, is_late=True, run=1)
 @example(line=5, off_s=3237.0, is_late=False, run=1)  # About an hour, which comes back.
+@example(line=5, off_s=1247.0, is_late=True, run=1)  # And one that comes before it falls.
 @given(
     line=st.integers(5, 1990),
     off_s=st.floats(100, 1e8),

@@ -21,7 +21,7 @@ _MOSTLY, _EVEN = 0.5, 0.1
 _HOUR_S = 3600.0
 _SET_BACK = {_HOUR_S: "hour-back", DAY_S / 2: "twelve-back"}
 _LATE, _LATEST_SHARE = 3, 0.1
-# Stamps that come back by so much of a fall within a few rows are out of line: no clock was set.
+# Stamps that leap by so much of a fall within a few rows of it are out of line: no clock was set.
 _BACK_AT_ONCE = 0.9
 # The hour of spring is skipped on a Sunday in one of these months, before five o'clock. Elsewhere,
 # an hour passes neither by so little of the usual interval, nor with a voltage that goes on as it
@@ -120,8 +120,12 @@ def _set_back(samples: Samples) -> Samples:
     if not falls.any() or (not is_dated and np.abs(time[1:][falls]).min() <= late_s):
         return samples
     for fall in np.flatnonzero(falls):
+        fall_s = -samples.intervals_s[fall]
+        before_s = samples.intervals_s[max(fall - 1 - _SLIPS, 0) : fall].max(initial=0)
+        # A clock of twelve hours leaps by a day before it falls by half of one.
+        is_back = _BACK_AT_ONCE * fall_s < before_s < fall_s / _BACK_AT_ONCE
         leap_s = samples.intervals_s[fall + 1 : fall + 2 + _SLIPS].max(initial=0)
-        if leap_s > max(late_s, -_BACK_AT_ONCE * samples.intervals_s[fall]):
+        if leap_s > max(late_s, _BACK_AT_ONCE * fall_s) or (is_back and before_s > late_s):
             return samples
     for period_s, change in _SET_BACK.items():
         late_s = max(_LATE * samples.interval_s, min(latest_s, _LATEST_SHARE * period_s))

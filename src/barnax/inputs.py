@@ -250,8 +250,8 @@ def named_source(
         return item
     frame = _FRAMES.get(role, FRAME)
     source = item if isinstance(item, Record) else source_of(item, names, reading, frame)
-    # A file has its name, by which it is refused where it is given twice.
-    is_named = role == "OCV test" or isinstance(item, str | Path)
+    # Files have names already; one that is given twice is refused by its name.
+    is_named = role == "OCV test" or isinstance(item, str | Path | Source)
     return source if is_named else numbered(source, called)
 
 

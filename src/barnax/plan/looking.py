@@ -21,7 +21,7 @@ from ..checks import Role, check_file
 from ..checks.roles import SuggestedWindow
 from ..checks.traits import NO_TRAITS, Kind, Traits
 from ..errors import InputError
-from ..inputs import file_names, name_of, named_source
+from ..inputs import file_names, name_of, named_source, numbered
 from ..job import Job, window_of, windows_by_name
 from ..model.window import START, Window, Windows, merged, temperature_of
 from ..notices import refusal_of
@@ -156,6 +156,8 @@ def look(given: Mapping[Use, Sequence[Any]], job: Job) -> dict[Use, list[Candida
             is_path = isinstance(item, str | Path)
             name = names[Path(item)] if is_path else name_of(item)
             file = CandidateFile(Path(item if is_path else name), name)
+            if isinstance(item, Source) and role != "OCV test":
+                item = numbered(item, called)
             read = partial(named_source, item, role, names, called, job)
             with job.watch(f"Looking at {name}", 0):
                 looked[role].append(_looked_at(file, read, role, job, job.window))

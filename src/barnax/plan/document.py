@@ -111,7 +111,9 @@ class Plan(Brief):
         for part in self.of_role("not used"):
             at = named_degc(part.temperature_degc)
             what = f" ({part.kind}{at})" if part.kind else at
-            reason = part.reason.replace(f"measured{at}", "measured at another temperature")
+            reason = part.reason
+            if at:
+                reason = reason.replace(f"measured{at}", "measured at another temperature")
             files.setdefault(reason, []).append(f"{part.name}{what}")
         return {reason: ", ".join(several) for reason, several in files.items()}
 

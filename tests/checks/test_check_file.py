@@ -54,13 +54,6 @@ def test_many_faults_are_all_found_at_once(tmp_path):
     assert severities == sorted(severities, key=["error", "warning", "note"].index)
 
 
-@pytest.mark.parametrize("name", ["cell.xls", "cell.parquet"])
-def test_a_suffix_that_lies_is_a_note(tmp_path, name):
-    (tmp_path / name).write_text(frame().write_csv())
-    (finding,) = check_file(tmp_path / name).findings
-    assert (finding.check, finding.severity) == ("format", "note")
-
-
 @pytest.mark.parametrize("capacity_ah", [0.0, -2.0, float("nan")])
 def test_a_capacity_that_is_none_is_refused(capacity_ah):
     with pytest.raises(InputError, match="`capacity` must be positive"):

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from barnax.records import read_record
+from barnax.records import read_record, record_from_frame
 from helpers.records import pulses_a, simulated_cell
 
 SIGNS = ["charge-positive", "discharge-positive"]
@@ -137,3 +137,27 @@ def test_the_record_as_a_whole_tells_the_sign_where_rows_are_late_and_uneven(tmp
     uneven = pl.Series("Test Time / s", np.cumsum(rng.uniform(0.6, 1.4, len(current))))
     pl.read_parquet(path).with_columns(uneven).write_parquet(path)
     assert read_record(path).sign.value == sign
+
+
+SAYING = {
+    "Current (A), discharge positive": "discharge-positive",
+    "Current [mA] (+ = charge)": "charge-positive",
+    "current_a_discharge_negative": "charge-positive",
+    "I / A (positive for charging)": "charge-positive",
+}
+
+
+@pytest.mark.parametrize("is_silent", [True, False], ids=["silent", "contrary"])
+@pytest.mark.parametrize("name", SAYING)
+def test_a_name_that_says_its_sign_holds_unless_the_data_deny_it(name, is_silent):
+    ampere = 1e-3 if "mA" in name else 1.0
+    out_a = np.ones(300) if is_silent else pulses_a(300, 2.0, seed=0)
+    voltage_v = 3.7 + 1e-3 * (np.arange(300) % 2) if is_silent else simulated_cell(out_a)
+    # The data have the other sign than the name.
+    way = 1 if is_silent or SAYING[name] == "charge-positive" else -1
+    table = {"Time (s)": np.arange(300.0), name: way * out_a / ampere, "Voltage (V)": voltage_v}
+    record = record_from_frame(table)
+    assert (record.sign.value == SAYING[name]) is is_silent
+    np.testing.assert_allclose(np.abs(record.current_a), np.abs(out_a))
+    said = [one.values["column"] for one in record.warnings if one.code == "sign.unusual"]
+    assert said == ([] if is_silent else [name])

@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from ..display import Brief
 from ..errors import InputError, counted
 from ..notices import Notice
-from ..records import Source, read_record, read_source
+from ..records import Record, Source, read_record, read_source
 from ..records.quantities import CELL_RANGE_V
-from ..records.record import MINIMUM_REST_S, SETTLED_V, Record, Rest, Segments, is_long, runs
+from ..records.record import MINIMUM_REST_S, SETTLED_V, Rest, Segments, is_long, run_sums, runs
 from ..records.scale import of_one_cell
 from ..records.table import Lines, notice_at, take_lines
 from ..settings import AutoHold, AutoSign
@@ -39,7 +39,6 @@ POINTS, HALF_WINDOW = 101, 1e-3
 CONDITIONING = 0.5
 
 Charge = Float[np.ndarray, "samples"]
-Places = Int[np.ndarray, "runs"]
 
 
 class OcvSweeps(NamedTuple):
@@ -229,17 +228,11 @@ def find_slow_sweeps(segments: Segments) -> list[Sweep]:
     passed_ah = np.abs(discharged_ah[end] - discharged_ah[begin])
     loaded_a = np.where(segments.is_rested, 0.0, np.abs(record.current_a))
     # Weighted by itself, lest pulses pass for slow between rests that a tester reads as loaded.
-    usual_a = _sums(loaded_a**2, first, last) / _sums(loaded_a, first, last)
-    pauses = _sums(segments.is_rested, first, last) / (last - first + 1)
+    usual_a = run_sums(loaded_a**2, first, last) / run_sums(loaded_a, first, last)
+    pauses = run_sums(segments.is_rested, first, last) / (last - first + 1)
     is_sweep = (usual_a * SHORTEST_HOURS <= passed_ah) & (pauses <= PAUSES)
     chosen = np.stack([first, last, begin, end], axis=1)[is_sweep].tolist()
     return [_thin(record, discharged_ah, *ends) for ends in chosen]
-
-
-def _sums(values: np.ndarray, first: Places, last: Places) -> np.ndarray:
-    """The sum over each run."""
-    total = np.concatenate([[0], np.cumsum(values)])
-    return total[last + 1] - total[first]
 
 
 def _thin(record: Record, axis_ah: Charge, first: int, last: int, begin: int, end: int) -> Sweep:

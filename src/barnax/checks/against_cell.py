@@ -149,26 +149,23 @@ def compare_temperatures(
     return notices
 
 
-def _is_loaded(record: Record) -> bool:
-    charge_ah = record.discharged_ah
-    return reach_of_steps(record.current_a, charge_ah) > LEAST_REACH * np.ptp(charge_ah)
-
-
 def compare_resistances(records: Sequence[tuple[Record, float | None]]) -> list[Notice]:
     """A notice of each record whose current steps show another resistance than those of most do,
     at about the same temperature and logged about as fast. Of two, the first one says it."""
-    # Those of a charge are all at its ends, where the resistance is another.
-    loaded = [(record, degc) for record, degc in records if _is_loaded(record)]
-    shown = [(record_resistance_ohm(record), record, degc) for record, degc in loaded]
-    determined = [one for one in shown if one[0]]
+    determined = []
+    for record, degc in records:
+        step_ohm, charge_ah = record_resistance_ohm(record), record.discharged_ah
+        # The steps of a charge are all at its ends, where the resistance is another.
+        reach_ah = reach_of_steps(record.current_a, charge_ah)
+        if step_ohm and reach_ah > LEAST_REACH * np.ptp(charge_ah):
+            determined.append((step_ohm, record, degc))
     notices: list[Notice] = []
     for step_ohm, record, degc in determined:
-        fast_s = float(np.median(record.interval_s))
         alike = [
-            (ohm, other_record.name)
-            for ohm, other_record, other in determined
+            (ohm, another.name)
+            for ohm, another, other in determined
             if (degc is None or other is None or abs(other - degc) <= _DEGREES)
-            and 1 / _AS_FAST <= float(np.median(other_record.interval_s)) / fast_s <= _AS_FAST
+            and 1 / _AS_FAST <= another.usual_s / record.usual_s <= _AS_FAST
         ]
         if len(alike) == 2:
             alike = [pair for pair in alike if pair[1] != record.name]

@@ -3,11 +3,11 @@
 from collections.abc import Iterator
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, Shaped
+from jaxtyping import Bool, Float
 
 from ..notices import Notice, Severity
 from ..records.dialects import CHARGE, DISCHARGE
-from ..records.record import equal_runs
+from ..records.record import Places, equal_runs, run_sums
 from ..records.samples import Samples
 from ..records.sign import step_votes
 from .traits import CheckInput
@@ -127,8 +127,6 @@ _FEWEST_SAMPLES = 4
 # A voltage that jumps so, both ways, under a current that does not move.
 _JUMP_V, _JUMP_NOISE, _FEWEST_JUMPS = 5e-3, 8.0, 2
 
-Places = Int[np.ndarray, "runs"]
-
 
 def find_stuck_voltage(given: CheckInput) -> Iterator[Notice]:
     """A voltage of one and the same reading while the current moves."""
@@ -140,7 +138,7 @@ def find_stuck_voltage(given: CheckInput) -> Iterator[Notice]:
     first, last = first + 1, last - 1
     least_a = max(_EXPECTED_V, _EXPECTED_STEPS * given.resolution_v) / given.samples.resistance_ohm
     swing_a = np.zeros(len(first))
-    for run in np.flatnonzero(_total(np.abs(given.samples.step_a), first, last) > least_a):
+    for run in np.flatnonzero(run_sums(np.abs(given.samples.step_a), first, last - 1) > least_a):
         swing_a[run] = _swing(current_a[first[run] : last[run] + 1])
     is_stuck = swing_a > least_a
     if is_stuck.any():
@@ -158,7 +156,7 @@ def find_stuck_current(given: CheckInput) -> Iterator[Notice]:
     spiked = _voltage_spikes(given)
     step_v[spiked[1:] | spiked[:-1]] = 0
     least_v = max(_JUMP_V, _JUMP_NOISE * given.samples.noise_v, 3 * given.resolution_v)
-    up, down = _total(step_v > least_v, first, last), _total(step_v < -least_v, first, last)
+    up, down = (run_sums(way * step_v > least_v, first, last - 1) for way in (1, -1))
     is_stuck = np.minimum(up, down) >= _FEWEST_JUMPS
     if is_stuck.any():
         first, last = first[is_stuck], last[is_stuck]
@@ -196,14 +194,6 @@ def _swing(current_a: Channel) -> float:
     middle_a = np.median([current_a[:-2], current_a[1:-1], current_a[2:]], axis=0)
     fall_a = float((np.maximum.accumulate(middle_a) - middle_a).max())
     return min(fall_a, float((middle_a - np.minimum.accumulate(middle_a)).max()))
-
-
-def _total(
-    values: Shaped[np.ndarray, "intervals"], first: Places, last: Places
-) -> Shaped[np.ndarray, "runs"]:
-    """The sum of the values of each run's intervals."""
-    total = np.append(0, np.cumsum(values))
-    return total[last] - total[first]
 
 
 # Readings alike for so many samples, in so many places, at the largest or the smallest value.

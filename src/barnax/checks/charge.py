@@ -25,57 +25,46 @@ _HARDLY_MOVES, _MOVED_V = 0.02, 0.3
 
 def find_counters(given: CheckInput) -> Iterator[Notice]:
     """Counters of the tester that disagree with the integrated current, or began before."""
-    counters = given.samples.counters.both
-    if not counters:
-        yield from _against_net(given)
+    record, counters = given.record, given.samples.counters
+    in_ah, out_ah = given.charged_ah, given.discharged_ah
+    # All the charge by the hold that was not taken.
+    other = "forward" if record.hold.value == "backward" else "backward"
+    flowed_a = np.abs(held(other, record.current_a[:-1], record.current_a[1:]))
+    held_ah = float(np.sum(flowed_a * record.interval_s)) / 3600
+    if not counters.both:
+        ratio = counters.net_ratio(record.moved_ah, given.samples.is_loaded)
+        if ratio is not None and abs(ratio - 1) > _SCALED:
+            held_ratio = ratio * held_ah / (in_ah + out_ah)
+            is_held = abs(held_ratio - 1) < abs(ratio - 1) / 3
+            by = {"hold": other, "held_ratio": held_ratio} if is_held else {"inverse": 1 / ratio}
+            column = given.samples.header("net capacity")
+            yield given.at(0, "counters.net", ratio=ratio, column=column, **by)
         return
-    gains_ah = gain_ah(counters[0]), gain_ah(counters[1])
-    if sum(gains_ah) > 0:
-        yield from _against_integral(given, gains_ah)
-    first_ah = {"in_ah": counters[0][0], "out_ah": counters[1][0]}
+    gained_ah, spent_ah = map(gain_ah, counters.both)
+    total_ah = gained_ah + spent_ah
+    # The names of the counters are the tester's; the sign of the current is settled elsewhere.
+    apart_ah = max(abs(in_ah - gained_ah), abs(out_ah - spent_ah))
+    swapped_ah = max(abs(in_ah - spent_ah), abs(out_ah - gained_ah))
+    if total_ah > 0 and apart_ah > max(_QUANTA * counters.quantum_ah, _COUNTERS_NOTED * total_ah):
+        values = {"integrated_in_ah": in_ah, "integrated_out_ah": out_ah}
+        values |= {"counted_in_ah": gained_ah, "counted_out_ah": spent_ah}
+        values |= {"apart_share": apart_ah / total_ah, "cause": "unknown"}
+        ratio = (in_ah + out_ah) / total_ah
+        if apart_ah <= _COUNTERS_DIFFER * total_ah:
+            values["cause"] = "slight"
+        elif swapped_ah < _COUNTERS_DIFFER * total_ah:
+            values["cause"] = "exchanged"
+        elif abs(ratio - 1) > _SCALED and _is_scaled(given, ratio):
+            values |= {"cause": "factor", "ratio": ratio, "inverse": 1 / ratio}
+        elif abs(held_ah / total_ah - 1) < abs(ratio - 1) / 3:
+            values |= {"cause": "hold", "hold": other, "held_ah": held_ah}
+        yield given.at(0, "counters.apart", **values)
+    first_ah = {"in_ah": counters.both[0][0], "out_ah": counters.both[1][0]}
     least_ah = _BEGUN_SHARE * given.scale_ah
     begun_ah = {name: count_ah for name, count_ah in first_ah.items() if count_ah > least_ah}
     if begun_ah:
         began = "both" if len(begun_ah) > 1 else next(iter(begun_ah))
-        clock_s = given.record.time_s[0]
-        yield given.at(0, "counters.begun", begun=began, clock_s=clock_s, **begun_ah)
-
-
-def _against_net(given: CheckInput) -> Iterator[Notice]:
-    """A lone counter of the net charge that is the integral times a factor."""
-    ratio = given.samples.counters.net_ratio(given.record.moved_ah, given.samples.is_loaded)
-    if ratio is None or abs(ratio - 1) <= _SCALED:
-        return
-    other, other_ah = _by_the_other_hold(given)
-    held = ratio * other_ah / (given.charged_ah + given.discharged_ah)
-    values = {"ratio": ratio, "column": given.samples.header("net capacity")}
-    is_held = abs(held - 1) < abs(ratio - 1) / 3
-    by = {"hold": other, "held_ratio": held} if is_held else {"inverse": 1 / ratio}
-    yield given.at(0, "counters.net", **values, **by)
-
-
-def _against_integral(given: CheckInput, gains_ah: tuple[float, float]) -> Iterator[Notice]:
-    in_ah, out_ah = given.charged_ah, given.discharged_ah
-    total_ah, (gained_ah, spent_ah) = sum(gains_ah), gains_ah
-    # The names of the counters are the tester's; the sign of the current is settled elsewhere.
-    apart_ah = max(abs(in_ah - gained_ah), abs(out_ah - spent_ah))
-    apart, swapped_ah = apart_ah / total_ah, max(abs(in_ah - spent_ah), abs(out_ah - gained_ah))
-    if apart_ah <= _QUANTA * given.samples.counters.quantum_ah or apart <= _COUNTERS_NOTED:
-        return
-    values = {"integrated_in_ah": in_ah, "integrated_out_ah": out_ah, "apart_share": apart}
-    values |= {"counted_in_ah": gained_ah, "counted_out_ah": spent_ah}
-    ratio = (in_ah + out_ah) / total_ah
-    other, held_ah = _by_the_other_hold(given)
-    by, cause = {}, "unknown"
-    if apart <= _COUNTERS_DIFFER:
-        cause = "slight"
-    elif swapped_ah / total_ah < _COUNTERS_DIFFER:
-        cause = "exchanged"
-    elif abs(ratio - 1) > _SCALED and _is_scaled(given, ratio):
-        by, cause = {"ratio": ratio, "inverse": 1 / ratio}, "factor"
-    elif abs(held_ah / total_ah - 1) < abs(ratio - 1) / 3:
-        by, cause = {"hold": other, "held_ah": held_ah}, "hold"
-    yield given.at(0, "counters.apart", **values, **by, cause=cause)
+        yield given.at(0, "counters.begun", begun=began, clock_s=record.time_s[0], **begun_ah)
 
 
 def _is_scaled(given: CheckInput, ratio: float) -> bool:
@@ -117,20 +106,12 @@ def find_closure(given: CheckInput) -> Iterator[Notice]:
         return
     later = max(out.points[0].row, into.points[0].row)
     at = int(np.searchsorted(given.record.row, later)) if len(given.samples.table.sheets) < 2 else 0
-    values: dict[str, float] = {}
+    values = {"error_share": error}
     for way, sweep in (("out", out), ("in", into)):
-        ends_v = sweep.points[0].voltage_v, sweep.points[-1].voltage_v
-        values |= {f"{way}_ah": sweep.passed_ah}
-        values |= {f"{way}_from_v": ends_v[0], f"{way}_to_v": ends_v[1]}
-    yield given.at(at, "closure.open", **values, error_share=error)
-
-
-def _by_the_other_hold(given: CheckInput) -> tuple[str, float]:
-    """The hold that was not taken, and all the charge that went in and out by it."""
-    record = given.record
-    other = "forward" if record.hold.value == "backward" else "backward"
-    flowed_a = np.abs(held(other, record.current_a[:-1], record.current_a[1:]))
-    return other, float(np.sum(flowed_a * record.interval_s)) / 3600
+        values[f"{way}_ah"] = sweep.passed_ah
+        values[f"{way}_from_v"] = sweep.points[0].voltage_v
+        values[f"{way}_to_v"] = sweep.points[-1].voltage_v
+    yield given.at(at, "closure.open", **values)
 
 
 # A rest is looked for where a current below C/20 and a fair part of the peak is steady for so many
@@ -151,20 +132,10 @@ _DRIFT, _NOTED_DRIFT = 0.01, 5e-3
 
 def find_rests(given: CheckInput) -> Iterator[Notice]:
     """A current that is not zero while the cell rests, or so noisy that it hides the rests."""
-    rests = _rests(given)
-    if rests:
+    if rests := _rests(given):
         yield from _offset(given, rests)
     if given.given_rest_a is None and given.segments.rest_a > 1.01 * given.scale_ah / 100:
         yield given.at(given.segments.is_rested, "rests.noisy", rest_a=given.segments.rest_a)
-
-
-def _doubt_a(given: CheckInput, samples: int) -> float:
-    """The largest median of the currents of so many samples at rest that noise may make."""
-    peak_a, step_a = given.samples.peak_a, np.abs(given.samples.step_a)
-    is_small = np.abs(given.record.current_a) < _SMALL_SHARE * peak_a
-    quiet_a = step_a[is_small[1:] & (step_a < STEADY_SHARE * peak_a)]
-    noise_a = 1.4826 * float(np.median(quiet_a)) / np.sqrt(2)
-    return _SIGMAS * 1.25 * noise_a / float(np.sqrt(samples))
 
 
 def _rests(given: CheckInput) -> list[tuple[int, int, float]]:
@@ -183,7 +154,7 @@ def _rests(given: CheckInput) -> list[tuple[int, int, float]]:
         chosen &= length_s >= _LONG_S
     places = np.flatnonzero(chosen)
     places = np.sort(places[np.argsort(-length_s[places], kind="stable")[:_ENOUGH]])
-    rests = []
+    rests, counters, moved_ah = [], given.samples.counters.both, record.moved_ah
     for a, b in zip(first[places].tolist(), last[places].tolist(), strict=True):
         half = slice((a + b) // 2, b + 1)
         current_a, voltage_v = record.current_a[half], record.voltage_v[half]
@@ -191,7 +162,10 @@ def _rests(given: CheckInput) -> list[tuple[int, int, float]]:
         drift_a = abs(np.median(current_a[:third]) - np.median(current_a[-third:]))
         is_steady = drift_a <= _SPREAD * abs(middle_a) + 2 * given.resolution_a
         is_settled = np.ptp(voltage_v) <= _SETTLED_V + 4 * given.samples.noise_v
-        if is_steady and is_settled and not _is_counted(given, a, b):
+        # What the tester itself counted the charge of is no rest.
+        counted_ah = sum(float(counter[b] - counter[a]) for counter in counters)
+        is_counted = 0 < 0.5 * abs(float(moved_ah[a:b].sum())) < counted_ah
+        if is_steady and is_settled and not is_counted:
             rests.append((a, b, middle_a))
     return rests
 
@@ -199,14 +173,6 @@ def _rests(given: CheckInput) -> list[tuple[int, int, float]]:
 def _turnover_ah(given: CheckInput) -> float:
     """The capacity, or the charge that went either way: an offset may cancel the net charge."""
     return given.capacity_ah or max(given.charged_ah, given.discharged_ah)
-
-
-def _is_counted(given: CheckInput, first: int, last: int) -> bool:
-    """True if the tester itself counted the charge of a run, which is then no rest."""
-    counters = given.samples.counters.both
-    counted_ah = sum(float(counter[last] - counter[first]) for counter in counters)
-    moved_ah = abs(float(given.record.moved_ah[first:last].sum()))
-    return moved_ah > 0 and counted_ah > 0.5 * moved_ah
 
 
 def _offset(given: CheckInput, rests: list[tuple[int, int, float]]) -> Iterator[Notice]:
@@ -224,7 +190,12 @@ def _offset(given: CheckInput, rests: list[tuple[int, int, float]]) -> Iterator[
     zero_s = record.interval_s[is_zero[1:] & is_zero[:-1]].sum()
     if lengths_s[is_alike].sum() < _MOST * all_s or zero_s > _FEW * all_s:
         return
-    doubt_a = _doubt_a(given, int(np.sum(last - first + 1)))
+    # The largest median of the currents of so many samples at rest that noise may make.
+    peak_a, step_a = given.samples.peak_a, np.abs(given.samples.step_a)
+    is_small = np.abs(record.current_a) < _SMALL_SHARE * peak_a
+    quiet_a = step_a[is_small[1:] & (step_a < STEADY_SHARE * peak_a)]
+    noise_a = 1.4826 * float(np.median(quiet_a)) / np.sqrt(2)
+    doubt_a = _SIGMAS * 1.25 * noise_a / float(np.sqrt(np.sum(last - first + 1)))
     if abs(offset_a) <= max(_OFFSET_QUANTA * given.resolution_a, doubt_a):
         return
     # Short and above what counts as rest, they are as likely the small loads of a drive cycle.

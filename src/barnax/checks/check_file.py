@@ -14,6 +14,7 @@ from ..notices import Notice
 from ..records import Hold
 from ..records.dialects import Sign
 from ..records.read import examine, make_record
+from ..records.scale import examine_voltage_range
 from ..records.sign import decide_sign
 from ..records.source import Source, read_source
 from ..schema import Json, key_of, notice_to_dict
@@ -154,17 +155,18 @@ def check_file(
         source = read_source(source, columns=columns)
     if source.table.header.is_ocv_table:
         return _check_table(read_ocv_table(source))
-    examined = examine(source, capacity_ah)
-    findings = [*source.findings, *examined.findings]
+    samples, examined = examine(source, capacity_ah)
+    findings = [*examined]
     facts, roles, traits = None, (), None
     # Absurd values overflow before they are found out.
     with np.errstate(all="ignore"):
-        if examined.mended is not None:
-            samples = channels.in_one_sign(examined.mended)
-            findings += samples.findings[len(examined.mended.findings) :]
-            sign, doubts = decide_sign(samples, current_sign, source.name)
+        if samples is not None and samples.intervals_s.min() > 0 and samples.peak_a > 0:
+            within = examine_voltage_range(samples)
+            samples = channels.in_one_sign(within)
             # A current without any sign has been reported already.
-            is_reported = any(finding.check == "sign" for finding in examined.findings)
+            is_reported = any(finding.check == "sign" for finding in findings)
+            findings += samples.findings[len(within.findings) :]
+            sign, doubts = decide_sign(samples, current_sign, source.name)
             findings += [] if is_reported else doubts
             record = make_record(source, samples, sign, current_hold)
             part = source.cut(samples)

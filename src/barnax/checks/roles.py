@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Int
 
 from ..cell import OcvPoint, OcvTable
-from ..cell.soc_axis import CHARGE, DISCHARGE, WORD, Sweep, by_direction, decide_capacity
+from ..cell.soc_axis import CHARGE, DISCHARGE, WORD, by_direction, decide_capacity
 from ..errors import InputError, counted
 from ..notices import Notice
 from ..records.record import SETTLED_V, is_long
@@ -66,15 +66,6 @@ class SuggestedWindow:
         """Arguments of `barnax.Window`."""
         return {name: value for name, value in vars(self.window).items() if value is not None}
 
-    @property
-    def advice(self) -> str:
-        """The options that `identify` takes where not all of a record is to be simulated."""
-        options = [
-            f"`{name.removesuffix('_s')}={','.join(f'{n:.10g}' for n in np.atleast_1d(value))}`"
-            for name, value in self.options.items()
-        ]
-        return f"identify takes {' '.join(options)}" if options else ""
-
 
 @dataclass(frozen=True)
 class Role:
@@ -99,7 +90,17 @@ class Role:
 
 def find_roles(given: CheckInput, traits: Traits) -> tuple[Role, ...]:
     """Every role, usable or not."""
-    return (_ocv_test(given), *_profiles(given, traits))
+    window, roles = suggest_window(given), [_ocv_test(given)]
+    steps = counted(traits.steps, "current step")
+    seen = f"{steps}, sampled every {traits.interval_s:.3g} s under load"
+    moves = f"{seen}; it spans {given.record.span_ah:.3g} Ah; {window.reason}"
+    for name, is_validated in (("identification", False), ("validation", True)):
+        missing = traits.missing_for(given.capacity_ah, is_validated)
+        is_lack = missing and missing == traits.steps_lack(given.capacity_ah, is_validated)
+        loose = traits.half_width(is_validated) if is_lack else None
+        use = None if missing else window
+        roles.append(Role(name, not missing, missing or moves, use, loose))
+    return tuple(roles)
 
 
 def roles_of_table(table: OcvTable) -> tuple[Role, ...]:
@@ -108,16 +109,13 @@ def roles_of_table(table: OcvTable) -> tuple[Role, ...]:
     reason = "; ".join(
         f"{names.get(direction, '')}{len(points)} points, SOC {points[0].soc:.4g} to "
         f"{points[-1].soc:.4g}, {min(point.voltage_v for point in points):.3f} to "
-        f"{max(point.voltage_v for point in points):.3f} V, {_rising(points)}"
+        f"{max(point.voltage_v for point in points):.3f} V, "
+        f"{'falling in places' if find_fall(points) else 'rising throughout'}"
         for direction, points in table.branches.items()
     )
     missing = "a table of OCV has no load"
     others = (Role(name, False, missing) for name in ("identification", "validation"))
     return Role("OCV test", True, f"{reason}; give it with `ocv`"), *others
-
-
-def _rising(points: Sequence[OcvPoint]) -> str:
-    return "falling in places" if find_fall(points) else "rising throughout"
 
 
 def find_fall(points: Sequence[OcvPoint]) -> tuple[OcvPoint, OcvPoint] | None:
@@ -139,42 +137,27 @@ def _ocv_test(given: CheckInput) -> Role:
         if isinstance(capacity, InputError):
             return Role(name, False, str(capacity))
     ways = dict.fromkeys(sweep.direction for sweep in sweeps)
-    reason = "; ".join(_sweep_words(whole[way]) for way in ways)
+    reasons = []
+    for way, points in ((way, whole[way].points) for way in ways):
+        is_slow = whole[way].kind == "slow"
+        kind = f"slow {WORD[way]}" if is_slow else f"{WORD[way]} with {len(points)} rests"
+        ends = f"{points[0].voltage_v:.3f} to {points[-1].voltage_v:.3f} V"
+        reasons.append(f"{kind}, {whole[way].passed_ah:.4g} Ah, {ends}")
     if len(ways) == 1:
-        reason += "; one direction only, so the hysteresis voltage stays unknown"
-    return Role(name, True, reason)
-
-
-def _sweep_words(sweep: Sweep) -> str:
-    start_v, end_v = sweep.points[0].voltage_v, sweep.points[-1].voltage_v
-    kind = "slow " + WORD[sweep.direction]
-    if sweep.kind == "rests":
-        kind = f"{WORD[sweep.direction]} with {len(sweep.points)} rests"
-    return f"{kind}, {sweep.passed_ah:.4g} Ah, {start_v:.3f} to {end_v:.3f} V"
-
-
-def _profiles(given: CheckInput, traits: Traits) -> list[Role]:
-    window = suggest_window(given)
-    steps = counted(traits.steps, "current step")
-    seen = f"{steps}, sampled every {traits.interval_s:.3g} s under load"
-    moves = f"{seen}; it spans {given.record.span_ah:.3g} Ah; {window.reason}"
-    roles = []
-    for name, is_validated in (("identification", False), ("validation", True)):
-        missing = traits.missing_for(given.capacity_ah, is_validated)
-        is_lack = missing and missing == traits.steps_lack(given.capacity_ah, is_validated)
-        loose = traits.half_width(is_validated) if is_lack else None
-        use = None if missing else window
-        roles.append(Role(name, not missing, missing or moves, use, loose))
-    return roles
+        reasons.append("one direction only, so the hysteresis voltage stays unknown")
+    return Role(name, True, "; ".join(reasons))
 
 
 def suggest_window(given: CheckInput) -> SuggestedWindow:
     """The window that starts where the charge is known and scores the profile."""
     record = given.record
     whole = _from_the_beginning(given)
-    step = record.step
-    numbers = () if step is None else _profile_numbers(given, step)
-    if step is None or not len(numbers):
+    step = np.zeros(record.samples, int) if record.step is None else record.step
+    # The tester's step numbers inside which the current steps about.
+    is_inside = given.samples.is_step & (np.diff(step) == 0)
+    numbers, times = np.unique(step[1:][is_inside], return_counts=True)
+    numbers = numbers[times >= _FEWEST_STEPS]
+    if record.step is None or not len(numbers):
         return _after_charge(given) or whole
     inside = np.flatnonzero(np.isin(step, numbers))
     first, last = int(inside[0]), int(inside[-1])
@@ -245,15 +228,6 @@ def _clock_before(given: CheckInput, at: int) -> float:
     time_s = given.record.time_s
     short = float(f"{math.floor(time_s[at] * 1e3) / 1e3:.10g}")
     return short if at == 0 or short > time_s[at - 1] else float(time_s[at])
-
-
-def _profile_numbers(
-    given: CheckInput, step: Int[np.ndarray, "samples"]
-) -> Int[np.ndarray, "numbers"]:
-    """The tester's step numbers inside which the current steps about."""
-    is_inside = given.samples.is_step & (np.diff(step) == 0)
-    numbers, times = np.unique(step[1:][is_inside], return_counts=True)
-    return numbers[times >= _FEWEST_STEPS]
 
 
 def _full_step(given: CheckInput, step: Int[np.ndarray, "samples"], before: int) -> int | None:

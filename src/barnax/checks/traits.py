@@ -59,10 +59,9 @@ class CheckInput:
         lag = find_lag(record) if lag_s is None else None
         given = cls(samples, record, capacity_ah, rest_a, lag, lag_s is not None)
         late_s = lag.seconds if lag else lag_s or 0.0
-        rows = round(late_s / float(np.median(record.interval_s)))
-        if not rows:
+        given = replace(given, late_rows=round(late_s / record.usual_s))
+        if not given.late_rows:
             return given
-        given = replace(given, late_rows=rows)
         moved_v = record.voltage_v[given.places("voltage")]
         samples, record = samples.having(voltage=moved_v), replace(record, voltage_v=moved_v)
         return replace(given, samples=samples, record=record)

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Sequence
+from functools import cache
 
 import numpy as np
 import polars as pl
@@ -43,7 +44,10 @@ def dated_numbers(cells: pl.Series, column: Column) -> tuple[Numbers, float | No
                 return seconds, None
             if quantity == "time":
                 seconds = _past_the_end(seconds, DAY_S)
-            zero_s = _zero_of(seconds)
+            # Clock times begin as they are; dates at the first, or at day zero of spreadsheets.
+            first = float(seconds[np.argmax(np.isfinite(seconds))])
+            zero_s = _DAY_ZERO_S if first < _DAY_ZERO_S + 100 * DAY_S else 0.0
+            zero_s = first if first >= DATED_S else zero_s
             return seconds - zero_s, zero_s if zero_s >= DATED_S else None
     return (_states(cells) if quantity == "state" else _plain_numbers(cells, column)), None
 
@@ -69,16 +73,9 @@ def _plain_numbers(cells: pl.Series, column: Column) -> Numbers:
     return values * unit.factor + unit.offset
 
 
-def _zero_of(seconds: Numbers) -> float:
-    """Where clock times begin: as they are; dates at the first, or at day zero of spreadsheets."""
-    first = float(seconds[np.argmax(np.isfinite(seconds))])
-    if first < _DAY_ZERO_S + 100 * 86400.0:
-        return _DAY_ZERO_S if first < 0 else 0.0
-    return first if first >= DATED_S else 0.0
-
-
-def _plain(text: pl.Series) -> pl.Series:
-    """The numbers that a column of text spells, null where there is none."""
+def _plain(text: pl.Series, has_points: Callable[[], bool] = lambda: False) -> pl.Series:
+    """The numbers that a column of text spells, null where there is none; `has_points` says whether
+    others of its table have decimal points."""
     plain = text.cast(pl.Float64, strict=False)
     if plain.null_count() == text.null_count():
         return plain
@@ -88,9 +85,12 @@ def _plain(text: pl.Series) -> pl.Series:
     with_comma = text.filter(plain.is_null() & text.str.contains(",", literal=True))
     if not len(with_comma):
         return plain
+    # "1,005" is a thousand where numbers without a comma go up to 999, or have points.
+    are_groups = with_comma.str.contains(r"^[+-]?[1-9]\d{0,2}(,\d{3})+$").all()
+    are_groups = are_groups and ((plain.abs().max() or 0) >= 100 or has_points())  # type: ignore[operator]
     if with_comma.str.contains(r"\d\.\d{3}[.,]").any():
         text = text.str.replace_all(".", "", literal=True)
-    elif with_comma.str.contains(r"\d,\d{3}[.,]").any() or _groups_thousands(with_comma, plain):
+    elif are_groups or with_comma.str.contains(r"\d,\d{3}[.,]").any():
         text = text.str.replace_all(",", "", literal=True)
     return text.str.replace(",", ".", literal=True).cast(pl.Float64, strict=False)
 
@@ -99,59 +99,42 @@ def _plain(text: pl.Series) -> pl.Series:
 _GROUPS = "(\\d)[ \u00a0\u202f'\u2019](\\d{3})"
 
 
-def _groups_thousands(with_comma: pl.Series, plain: pl.Series) -> bool:
-    """True if "1,005" is a thousand: numbers without a comma then go up to 999."""
-    are_groups = with_comma.str.contains(r"^[+-]?[1-9]\d{0,2},\d{3}$").all()
-    return bool(are_groups) and (plain.abs().max() or 0) >= 100  # type: ignore[operator]
-
-
 def settled(columns: Sequence[pl.Series]) -> tuple[pl.Series, ...]:
     """The columns, those of text as numbers where every cell spells one.
 
     "1,005" is a thousand where points in other columns are the decimal mark.
     """
-    grouped = [
-        column.dtype == pl.String
-        and bool(column.drop_nulls().head(1).str.contains(r"^[\s\d.,+-]+$").any())
-        and (with_comma := column.filter(column.str.contains(",", literal=True))).len() > 0
-        and with_comma.str.contains(r"^\s*[+-]?[1-9]\d{0,2}(,\d{3})+\s*$").all()
-        for column in columns
-    ]
-    if any(grouped) and any(map(_has_points, columns)):
-        columns = [
-            column.str.replace_all(",", "", literal=True) if is_grouped else column
-            for column, is_grouped in zip(columns, grouped, strict=True)
-        ]
-    return tuple(map(_settled, columns))
+
+    @cache
+    def has_points() -> bool:
+        return any(
+            column.head(_LOOKED_AT).str.contains(_WITH_POINT).any()
+            if column.dtype == pl.String
+            else column.dtype.is_float() and (column % 1 > 0).any()
+            for column in columns
+        )
+
+    numeric = []
+    for column in columns:
+        first = column.drop_nulls().head(1)
+        # Most columns of text begin with a word or a clock, and a file may have millions of cells.
+        if first.dtype == pl.String and first.str.contains(_SPELLS_NUMBER).any():
+            plain = _plain(column, has_points)
+            is_whole = plain.null_count() == column.null_count() and plain.is_finite().all()
+            column = plain if is_whole else column
+        numeric.append(column)
+    return tuple(numeric)
 
 
 _SPELLS_NUMBER = r"^\s*[+\-\u2212]?\d[\d., \u00a0\u202f'\u2019]*([eE][+-]?\d+)?\s*$"
-
-
-def _settled(column: pl.Series) -> pl.Series:
-    first = column.drop_nulls().head(1)
-    # Most columns of text begin with a word or a clock, and a file may have millions of cells.
-    if first.dtype != pl.String or not first.str.contains(_SPELLS_NUMBER).any():
-        return column
-    plain = _plain(column)
-    is_whole = plain.null_count() == column.null_count() and plain.is_finite().all()
-    return plain if is_whole else column
-
-
 _LOOKED_AT, _WITH_POINT = 1000, r"^\s*[+-]?\d[\d,]*\.\d+\s*$"
-
-
-def _has_points(column: pl.Series) -> bool:
-    """True if numbers in the column have decimal points."""
-    if column.dtype == pl.String:
-        return bool(column.head(_LOOKED_AT).str.contains(_WITH_POINT).any())
-    return column.dtype.is_float() and bool((column % 1 > 0).any())
 
 
 # Days, hours and minutes, or minutes alone; seconds with a comma, or a colon before milliseconds.
 _CLOCK = (
     r"(?i)^\s*(?:(?:(\d+)\s*(?:d|days?)?[\s.,-]+)?(\d+):)?(\d+):(\d+(?:[.,:]\d*)?)\s*([ap]m)?\s*$"
 )
+_DATED = r"^\s*\d+[-/.]([A-Za-z]+|\d+)[-/.]\d+"
 _MINUTE_AND_SECOND = r"^[0-5]\d:[0-5]\d$"
 DAY_S, _HOUR_S = 86_400.0, 3600.0
 # A clock that begins anew does so from so near to its end.
@@ -164,9 +147,9 @@ def _seconds(cells: pl.Series) -> Numbers:
         cells = cells.cast(pl.Duration("us"))
     if cells.dtype == pl.Duration:
         return cells.dt.total_microseconds().cast(pl.Float64).to_numpy() / 1e6
-    if cells.dtype == pl.String and not _looks_dated(cells):
-        return _clock_s(cells)
     if cells.dtype == pl.String:
+        if not cells.drop_nulls().head(1).str.contains(_DATED).any():
+            return _clock_s(cells)
         cells = _dates(cells)
     if not cells.dtype.is_temporal():
         return np.full(len(cells), np.nan)
@@ -223,11 +206,6 @@ def is_clock(cells: pl.Series) -> bool:
     return ":" in "".join(cells.drop_nulls().head(1).to_list())
 
 
-def _looks_dated(text: pl.Series) -> bool:
-    first = text.drop_nulls().head(1)
-    return bool(first.str.contains(r"^\s*\d+[-/.]([A-Za-z]+|\d+)[-/.]\d+").any())
-
-
 def is_local_date(cells: pl.Series, column: Column) -> bool:
     """True for dates of the local time, which say no offset from UTC; Unix times do."""
     if cells.dtype.is_numeric():
@@ -265,14 +243,14 @@ def _dates(text: pl.Series) -> pl.Series:
         read.append(((dates.null_count(), falls, stamps.max() - stamps.min()), dates))  # type: ignore[operator]
     if not read:
         return text
-    east_us = pl.Series(1e6 * np.nan_to_num(_by_word(offsets, _east_s)))
-    return min(read, key=lambda candidate: candidate[0])[1] - east_us.cast(pl.Duration("us"))
 
+    def east_us(offset: str) -> float:
+        """Microseconds of an offset from UTC, such as "+01:00"."""
+        hours, minutes = int(offset[1:3]), int(offset[3:].lstrip(":") or 0)
+        return 6e7 * float(f"{offset[0]}{60 * hours + minutes}")
 
-def _east_s(offset: str) -> float:
-    """Seconds of an offset from UTC, such as "+01:00"."""
-    hours, minutes = int(offset[1:3]), int(offset[3:].lstrip(":") or 0)
-    return float(f"{offset[0]}{60 * (60 * hours + minutes)}")
+    east = pl.Series(np.nan_to_num(_by_word(offsets, east_us))).cast(pl.Duration("us"))
+    return min(read, key=lambda candidate: candidate[0])[1] - east
 
 
 # Testers are set to intervals of 1, 2 or 5 in a decade, and of half a minute, and rarely to others;

@@ -59,8 +59,9 @@ def examine_clock(samples: Samples) -> Samples:
     is_midnight = bool(np.all(np.abs(-interval_s[falls] - DAY_S) < 0.01 * DAY_S))
     is_shuffled = not is_midnight and _is_shuffled(time, len(falls))
     cause = "midnight" if is_midnight else "shuffled" if is_shuffled else "restart"
-    given |= {"cause": cause, "column": samples.header("time")}
-    samples = samples.telling(at, "clock.falls", **given)
+    samples = samples.telling(
+        at, "clock.falls", **given, cause=cause, column=samples.header("time")
+    )
     if is_shuffled:
         return samples.keep(np.argsort(time, kind="stable"))
     # An ordinary interval stands where it fell.
@@ -99,10 +100,9 @@ def _within_steady_stamps(time: Clock, is_out: Flags) -> Flags:
     is_even = np.abs(beside_s - each_s) < _EVEN * each_s
     # Beside the first stamp of a step, or the last, there is none.
     is_steady = (each_s > 0) & np.all(is_even | (beside_s <= 0), axis=0) & np.any(is_even, axis=0)
-    within = np.zeros(len(time), int)
-    np.add.at(within, first[is_steady], 1)
-    np.add.at(within, last[is_steady] + 1, -1)
-    return np.cumsum(within) > 0
+    edges = np.zeros((2, len(time)), int)
+    edges[0, first[is_steady]], edges[1, last[is_steady]] = 1, 1
+    return np.cumsum(edges[0]) - np.cumsum(edges[1]) + edges[1] > 0
 
 
 def _set_back(samples: Samples) -> Samples:
@@ -253,7 +253,7 @@ def _join_steps(samples: Samples) -> Samples:
         return samples
     # A step begins where the one before it ended.
     before = np.cumsum(np.where(starts, time[:-1], 0.0))
-    at, joined = int(np.argmax(falls)) + 1, time + np.concatenate([np.zeros(1), before])
+    at, joined = int(np.argmax(falls)) + 1, time + np.append(0.0, before)
     given = {"column": samples.header("time"), "times": falls.sum()}
     return samples.telling(at, "clock.steps", **given).having(time=joined)
 
@@ -315,19 +315,11 @@ def separate_steps(samples: Samples) -> Samples:
     sides = is_repeat & (np.diff(samples.step) != 0)
     if not sides.any():
         return samples
-    stamp = np.concatenate([[0], np.cumsum(~is_repeat)])
-    first = np.searchsorted(stamp, np.arange(stamp[-1] + 1))
-    has_sides = np.logical_or.reduceat(np.concatenate([[False], sides]), first)
-    rank = np.where(has_sides[stamp], np.arange(len(stamp)) - first[stamp], 0)
-    room_s = np.append(np.diff(samples.time_s[first]), np.inf) * _APART_SHARE
-    apart_s = np.clip(room_s / np.diff(first, append=len(stamp)), 0, _APART_S)[stamp]
+    time_s = samples.time_s
+    has_sides = np.isin(time_s, time_s[1:][sides])
     noted = samples.telling(int(np.argmax(sides)) + 1, "repeats.both-sides", changes=sides.sum())
-    return noted.having(time=samples.time_s + rank * apart_s)
-
-
-def merge_repeats(samples: Samples) -> Samples:
-    """The samples without those that have the time stamp of the one before."""
-    return samples.keep(np.concatenate([[True], samples.intervals_s != 0]))
+    apart_s = _spread(time_s, _APART_SHARE, _APART_S)
+    return noted.having(time=np.where(has_sides, apart_s, time_s))
 
 
 def examine_repeats(samples: Samples) -> Samples:
@@ -344,33 +336,32 @@ def examine_repeats(samples: Samples) -> Samples:
     is_exact = is_repeat & (step_a == 0) & (step_v == 0)
     is_alike = np.abs(step_a) <= _SAME_CURRENT_SHARE * samples.peak_a * (1 + 1e-9)
     is_alike &= np.abs(step_v) <= _SAME_VOLTAGE_V * (1 + 1e-9)
-    is_near = is_repeat & is_alike & ~is_exact
-    is_other = is_repeat & ~is_alike & ~is_exact
-    is_any = is_near | is_other
+    is_any, is_other = is_repeat & ~is_exact, is_repeat & ~is_alike
     in_a_row = (is_other[1:] & is_any[:-1]) | (is_any[1:] & is_other[:-1])
     others, at = int(is_other.sum()), int(np.argmax(is_other)) + 1
-    # Adding zero turns a resting tester's -0 into 0.
-    first_a, second_a = samples.current_a[at - 1 : at + 1] + 0.0
-    first_v, second_v = samples.voltage_v[at - 1 : at + 1]
-    given = {"time_s": samples.time_s[at], "first_a": first_a, "first_v": first_v}
-    given |= {"second_a": second_a, "second_v": second_v, "rows": others}
+    given = {"time_s": samples.time_s[at], "rows": others}
+    for name, row in (("first", at - 1), ("second", at)):
+        # Adding zero turns a resting tester's -0 into 0.
+        given[f"{name}_a"] = samples.current_a[row] + 0.0
+        given[f"{name}_v"] = samples.voltage_v[row]
     if in_a_row.sum() > max(_SLIPS, _FEW * len(samples)) or np.mean(is_other) > _COARSE:
         mean = len(samples) / len(np.unique(samples.time_s))
         noted = samples.telling(at, "repeats.differ", **given, rows_a_stamp=mean)
         return noted.having(time=_spread(samples.time_s))
-    for is_merged, alike in ((is_exact, "exact"), (is_near, "near")):
+    for is_merged, alike in ((is_exact, "exact"), (is_any & ~is_other, "near")):
         if is_merged.any():
             first, rows = int(np.argmax(is_merged)) + 1, is_merged.sum()
             samples = samples.telling(first, "repeats.merged", rows=rows, alike=alike)
     if others:
         samples = samples.telling(at, "repeats.differ", **given)
-    return merge_repeats(samples)
+    return samples.keep(np.append(True, ~is_repeat))
 
 
-def _spread(time_s: Clock) -> Clock:
-    """The clock with samples of one stamp laid evenly up to the next stamp."""
+def _spread(time_s: Clock, share: float = 1.0, most_s: float = np.inf) -> Clock:
+    """The clock with samples of one stamp laid evenly over a share of the time up to the next
+    stamp, and no further apart than `most_s`."""
     stamps, stamp, times = np.unique(time_s, return_inverse=True, return_counts=True)
-    gaps = np.diff(stamps)
-    last = float(np.median(gaps)) if len(gaps) else 1.0
+    gaps_s = np.diff(stamps)
+    room_s = np.append(gaps_s, np.median(gaps_s) if len(gaps_s) else 1.0)
     within = np.arange(len(time_s)) - (np.cumsum(times) - times)[stamp]
-    return time_s + np.append(gaps, last)[stamp] * within / times[stamp]
+    return time_s + within * np.minimum(share * room_s / times, most_s)[stamp]

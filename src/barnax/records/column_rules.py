@@ -8,7 +8,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -32,20 +32,6 @@ REQUIRED = tuple(quantity for quantity in QUANTITIES if quantity.name in NEEDED)
 _COARSE_DATES = 0.05
 # The number of dates that are looked at.
 _DATES = 50
-
-
-class _Missing(NamedTuple):
-    """A quantity without a column, those whose names may mean it, and the one that is taken."""
-
-    quantity: Quantity
-    likely: list[Column]
-    guess: Column | None
-
-    @property
-    def option(self) -> str:
-        """The quantity as `columns` takes it."""
-        unit = "" if self.guess and not self.guess.is_unit_assumed else ":UNIT"
-        return f"{self.quantity.name}={self.guess.header if self.guess else 'NAME'}{unit}"
 
 
 def examine_columns(table: Table, file: str) -> tuple[dict[str, Column], list[Notice]]:
@@ -78,47 +64,48 @@ def examine_columns(table: Table, file: str) -> tuple[dict[str, Column], list[No
     soc = header.ocv_columns.get("SOC")
     if soc is not None and soc.header not in _headers(columns):
         findings.append(Notice("columns.soc-unused", {"column": soc.header}))
-    missing = []
+    missing: dict[str, list[str]] = {}
+    options = []
     for quantity in [one for one in REQUIRED if one.name not in columns]:
         # A column that another quantity has taken is no candidate.
-        taken = _headers(columns)
+        taken, option = _headers(columns), f"{quantity.name}=NAME:UNIT"
         likely = [column for column in header.likely(quantity) if column.header not in taken]
-        guess = likely[0] if len(likely) == 1 else None
-        if guess is not None and quantity.name == "time" and is_clock(table.columns[guess.index]):
-            # A date has no unit, and a name of its own.
-            guess = replace(guess, quantity=QUANTITY_OF["date"], is_unit_assumed=False)
-        if guess is not None:
+        if len(likely) == 1:
+            guess = likely[0]
+            if quantity.name == "time" and is_clock(table.columns[guess.index]):
+                # A date has no unit, and a name of its own.
+                guess = replace(guess, quantity=QUANTITY_OF["date"], is_unit_assumed=False)
             columns[quantity.name] = guess
+            unit = ":UNIT" if guess.is_unit_assumed else ""
+            option = f"{quantity.name}={guess.header}{unit}"
         # Of a name that was given it is said that the table does not have it.
         if quantity.name not in header.given:
-            missing.append(_Missing(quantity, likely, guess))
+            missing[quantity.name] = [column.header for column in likely]
+            options.append(option)
     if missing:
-        findings.append(_missing_columns(table, missing, is_nameless))
+        findings.append(_missing_columns(table, missing, is_nameless, ",".join(options)))
     return columns, findings
 
 
-def _missing_columns(table: Table, missing: Sequence[_Missing], is_nameless: bool) -> Notice:
-    """The error of required quantities without a column, with the option that names them."""
+def _missing_columns(
+    table: Table, missing: Mapping[str, Sequence[str]], is_nameless: bool, option: str
+) -> Notice:
+    """The error of required quantities without a column, by the names that may mean each, with the
+    option that names them."""
     cells = next(map(list, table.cell_voltages), [])
-    values: dict[str, Any] = {
-        "quantities": ", ".join(one.quantity.name for one in missing),
-        "columns": _quoted(table.header.names),
-        "count": len(missing),
-    }
+    values: dict[str, Any] = {"quantities": ", ".join(missing), "count": len(missing)}
+    values |= {"columns": _quoted(table.header.names)}
     # Two may be one cell's, measured twice.
-    if len(cells) > FEWEST_CELLS and "voltage" in values["quantities"] and not is_nameless:
+    if len(cells) > FEWEST_CELLS and "voltage" in missing and not is_nameless:
         values |= {"cells": _quoted(cells), "first": cells[0]}
         return Notice("columns.pack", values, row=table.names_row)
-    quantity, likely, _ = missing[0]
-    is_out = ["discharge" in column.header.lower() for column in likely]
-    is_pair = quantity.name == "current" and len(likely) == 2 and sum(is_out) == 1
-    case = "no-names" if is_nameless else "pair" if is_pair and len(missing) == 1 else None
-    guesses = [(one.quantity.name, [column.header for column in one.likely]) for one in missing]
+    are_out = ["discharge" in name.lower() for name in missing.get("current", ())]
+    is_pair = len(missing) == 1 and len(are_out) == 2 and sum(are_out) == 1
     values |= {
-        "case": case,
-        "likely": "".join(f"; the {name} may be {_quoted(own)}" for name, own in guesses if own),
-        "option": ",".join(one.option for one in missing),
-        "names": ", ".join(f"'{one.quantity.examples[0]}'" for one in missing),
+        "case": "no-names" if is_nameless else "pair" if is_pair else None,
+        "likely": "".join(f"; the {one} may be {_quoted(n)}" for one, n in missing.items() if n),
+        "option": option,
+        "names": ", ".join(f"'{QUANTITY_OF[name].examples[0]}'" for name in missing),
     }
     return Notice("columns.missing", values, row=table.names_row)
 
@@ -231,15 +218,12 @@ def _no_record(header: Header) -> Notice:
     elif any(normal(name).startswith(("dod", "depth of discharge")) for name in header.names):
         values["advice"] = "dod"
     else:
-        values["accepted"] = "; ".join(
-            f"for the {quantity.name} {_examples(quantity)} (units {_symbols(quantity)})"
-            for quantity in REQUIRED
-        )
+        accepted = []
+        for quantity in REQUIRED:
+            examples = " or ".join(f"'{name}'" for name in quantity.examples[:2])
+            accepted.append(f"for the {quantity.name} {examples} (units {_symbols(quantity)})")
+        values["accepted"] = "; ".join(accepted)
     return Notice("columns.none", values)
-
-
-def _examples(quantity: Quantity) -> str:
-    return " or ".join(f"'{name}'" for name in quantity.examples[:2])
 
 
 def _symbols(quantity: Quantity) -> str:

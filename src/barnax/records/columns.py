@@ -14,7 +14,7 @@ from functools import cached_property
 from types import MappingProxyType
 
 from ..errors import InputError
-from .dialects import DIALECTS, OTHER_TABLES, PLAIN, Dialect
+from .dialects import CHARGE, DIALECTS, DISCHARGE, OTHER_TABLES, PLAIN, Dialect, Sign
 from .quantities import NEEDED, OCV_QUANTITIES, QUANTITIES, QUANTITY_OF, Quantity, Unit
 
 # A unit stands behind a slash, # or comma, in brackets, or after a blank (machine names); Arbin
@@ -24,6 +24,11 @@ _UNIT = re.compile(
 )
 # "h:min:s.ms", "h min s.ms", "Hours in hh:mm:ss.xxx", "mm:ss" and "ss.xxx" are forms of seconds.
 _CLOCK_FORM = re.compile(r".*\bh+[: ]m.*|m+:s.*|s+\.x+")
+# Which sign of the current discharges: "Current (A), discharge positive", "I [A] (+ = charge)".
+_SIGN = re.compile(
+    r"(?<=.)[ ,;:(\[]+((dis)?charg(e|ing)\W*(is )?(pos(itive)?|neg(ative)?|\+)"
+    r"|(pos(itive)?|neg(ative)?|\+)\W*(is |on |for )?(dis)?charg(e|ing))[)\]]*$"
+)
 # What the variables of scripts have behind a quantity: "t_data", "V_meas", "tvec".
 _VARIABLE = re.compile(r"(?<=\w)( ?(data|vec|vector)| (meas|exp|array|values?))(?= ?[\[(/]|$)")
 # "Re(Z)/Ohm", "-Im", "|Z|", "Zreal" and "Z''".
@@ -57,6 +62,13 @@ class Column:
     is_unit_assumed: bool
     is_unit_given: bool = False
 
+    @property
+    def sign(self) -> Sign | None:
+        """The sign of the current that the name says, if it does."""
+        if words := _SIGN.search(normal(self.header)):
+            return DISCHARGE if ("dis" in words[0]) is ("neg" not in words[0]) else CHARGE
+        return None
+
 
 def normal(name: str) -> str:
     """The name in lower case, with blanks for underscores, and u for micro."""
@@ -77,7 +89,7 @@ def unit_of(quantity: Quantity, text: str) -> Unit | None:
 
 def in_its_unit(index: int, name: str, quantity: Quantity) -> Column:
     """The column with the unit in brackets or behind a slash at its name's end, if any."""
-    stated = re.search(r"[/\[(]\s*([^/\[\]()]*?)\s*[\])]?\s*$", normal(name))
+    stated = re.search(r"[/\[(]\s*([^/\[\]()]*?)\s*[\])]?\s*$", _SIGN.sub("", normal(name)))
     unit = unit_of(quantity, stated[1]) if stated else None
     is_assumed = unit is None and "1" not in quantity.units
     return Column(index, name, quantity, unit or quantity.base_unit, is_assumed)
@@ -226,7 +238,8 @@ class Header:
         that states its unit, then the first of two equal names.
         """
         columns: dict[str, Column] = {}
-        plain = [_VARIABLE.sub("", re.sub("[<>]", "", name)) for name in self._normal]
+        bare = (_SIGN.sub("", re.sub("[<>]", "", name)) for name in self._normal)
+        plain = [_VARIABLE.sub("", name) for name in bare]
         cells = list(zip(range(len(plain)), self.names, plain, strict=True))
         for quantity in quantities:
             candidates = [match for cell in cells if (match := _match(*cell, quantity))]

@@ -35,6 +35,8 @@ class Content:
     def __init__(self, record: Record):
         self.record = record
         self.run: Run = np.stack([record.time_s, record.current_a, record.voltage_v])
+        # To what current and voltage were rounded.
+        self.rounded = np.array([*map(decimal_step, self.run[1:])])
 
     @cached_property
     def fingerprint(self) -> str:
@@ -59,7 +61,7 @@ class Content:
         all others too of the record that it is of, where that is given."""
         (first_s, last_s), runs = read_fingerprint(fingerprint)
         samples = np.concatenate(runs, axis=1)
-        rounded = np.maximum(self._rounded, _rounded(samples))
+        rounded = np.maximum(self.rounded, [*map(decimal_step, samples[1:])])
         least = np.array([_CURRENT_SHARE, _SINGLE]) * np.abs(samples[1:]).max(axis=1)
         near = (rounded / 2 + least)[:, None]
         clocks_s = 0.0, first_s - self.run[0, 0], last_s - self.run[0, -1]
@@ -68,10 +70,6 @@ class Content:
             and (not whole or self._agrees([whole.run], shift_s, near, _ALIKE_THROUGHOUT))
             for shift_s in (*clocks_s, *self._likely_shifts(samples, near))
         )
-
-    @cached_property
-    def _rounded(self) -> Float[np.ndarray, "2"]:
-        return _rounded(self.run)
 
     @cached_property
     def _by_voltage(self) -> Int[np.ndarray, "samples"]:
@@ -114,11 +112,6 @@ def read_fingerprint(text: str) -> tuple[tuple[float, float], list[Run]]:
     if not runs:
         raise ValueError("a fingerprint holds samples")
     return (float(first_s), float(last_s)), [run.reshape(-1, 3).T for run in runs]
-
-
-def _rounded(run: Run) -> Float[np.ndarray, "2"]:
-    """To what current and voltage were rounded."""
-    return np.array([decimal_step(run[1]), decimal_step(run[2])])
 
 
 def _lie_on(lines: list[Run], points: list[Run], near: Near, share: float) -> bool:

@@ -15,7 +15,7 @@ import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from scipy.linalg import get_lapack_funcs
 
 from ..blas import one_blas_thread
@@ -39,7 +39,7 @@ _ENOUGH, _MANY = 10_000, 30_000
 # a lag is so near to whole samples.
 _SLOWEST_S, _NEARLY = 1.5, 0.1
 # So many intervals beside steps of this share of the largest current are needed, of an even clock.
-_FEWEST, _STEP_SHARE, _EVEN = 200, 0.05, 0.1
+_FEWEST, _LEAST_STEP, _EVEN = 200, 0.05, 0.1
 
 
 Intervals = Float[np.ndarray, "intervals"]
@@ -176,12 +176,15 @@ def _changes(
     usual_s, step_a = _usual_s(interval_s), np.diff(current_a)
     if len(step_a) < _FEWEST + 2 * _FAR:
         return None
-    is_step = np.abs(step_a) > _STEP_SHARE * float(np.max(np.abs(current_a)))
+    is_step = np.abs(step_a) > _LEAST_STEP * float(np.max(np.abs(current_a)))
     # The first steps are enough, and a long record has more.
     end = int(np.append(0, np.flatnonzero(is_step)[:most])[-1]) + near + _FAR + 2
     is_step = is_step[:end]
     is_uneven = np.abs(interval_s[:end] - usual_s) >= _EVEN * usual_s
-    places = np.flatnonzero(_any_near(is_step, near) & ~_any_near(is_uneven, near)) + near
+    # True where any so near is, but for as many at both ends.
+    around = np.ones(2 * near + 1, int)
+    steps, gaps = (np.convolve(flags, around, "valid") for flags in (is_step, is_uneven))
+    places = np.flatnonzero((steps > 0) & (gaps == 0)) + near
     places = places[(places >= _FAR) & (places < len(step_a) - _FAR)][:most]
     if len(places) < _FEWEST:
         return None
@@ -199,15 +202,6 @@ def _changes(
 def _usual_s(interval_s: Intervals) -> float:
     """The median, of an even share of many."""
     return float(np.median(interval_s[:: 1 + len(interval_s) // _ENOUGH]))
-
-
-def _any_near(flags: Bool[np.ndarray, "intervals"], near: int) -> Bool[np.ndarray, "fewer"]:
-    """True where any so near is, but for as many at both ends."""
-    inner = max(len(flags) - 2 * near, 0)
-    is_near = flags[:inner].copy()
-    for first in range(1, 2 * near + 1):
-        is_near |= flags[first : first + inner]
-    return is_near
 
 
 def _share(ohm: Float[np.ndarray, "3 ..."]) -> Float[np.ndarray, "..."]:
@@ -264,11 +258,9 @@ def lagged(values: Float[np.ndarray, "samples"], kept: float) -> Float[np.ndarra
     return solve(bands, np.append(0.0, (1 - kept) * values[:-1]), uplo="L")[0]
 
 
-# The answers to a step are looked at in so many samples, of so many places where the current moves
-# by more than this share of the largest.
-_ANSWERS, _FEWEST_STEPS, _STEP_SHARE = 5, 50, 0.05
-# The answers to so many steps tell as much as those to all.
-_ENOUGH_STEPS = 15_000
+# The answers to a step are looked at in so many samples, of so many places; those to so many steps
+# tell as much as those to all.
+_ANSWERS, _FEWEST_STEPS, _ENOUGH_STEPS = 5, 50, 15_000
 # A pair answers in the sample after a step at most so often what it does in the next one, unless it
 # is over within two samples. More than this share of the whole, at so many deviations, is late.
 LASTING, _LATE_SHARE, LATE_SURE = 2.0, 0.03, 4.0
@@ -282,16 +274,15 @@ def answers_ohm(record: Record) -> Answers | None:
     They are least squares on the differences between samples: R0 and what follows at once in the
     first, in the others what the RC pairs add, which falls off with their time constants.
     """
-    interval_s, moved_a = record.interval_s, np.diff(record.current_a)
-    least_a = _STEP_SHARE * float(np.max(np.abs(record.current_a)))
+    moved_a, usual_s = np.diff(record.current_a), record.usual_s
+    least_a = _LEAST_STEP * float(np.max(np.abs(record.current_a)))
     steps = np.flatnonzero(np.abs(moved_a) > least_a)[:_ENOUGH_STEPS]
     is_after = np.zeros(len(moved_a) + _ANSWERS, bool)
     is_after[steps[:, None] + np.arange(_ANSWERS)] = True
     places = np.flatnonzero(is_after[: len(moved_a)])
     places = places[places >= _ANSWERS - 1]
     window = places[:, None] - np.arange(_ANSWERS)
-    usual_s = float(np.median(interval_s))
-    is_even = np.all(np.abs(interval_s[window] - usual_s) < 0.1 * usual_s, axis=1)
+    is_even = np.all(np.abs(record.interval_s[window] - usual_s) < _EVEN * usual_s, axis=1)
     places, window = places[is_even], window[is_even]
     if len(places) < _FEWEST_STEPS:
         return None

@@ -43,9 +43,8 @@ def joined(sources: Sequence[Source]) -> Source:
         notes=tuple(dict.fromkeys(note for table in tables for note in table.notes)),
         files=len(tables),
     )
-    findings = tuple(dict.fromkeys(finding for source in sources for finding in source.findings))
     sha256 = " ".join(source.sha256 for source in sources)
-    return replace(first, name=name, table=table, sha256=sha256, findings=findings)
+    return replace(first, name=name, table=table, sha256=sha256)
 
 
 def _concatenated(name: str, header: str, parts: Sequence[pl.Series]) -> pl.Series:
@@ -91,7 +90,12 @@ def continuation(earlier: Record, later: Record) -> str:
         return ""
     shortest_s, longest_s = np.quantile(earlier.interval_s, [0.02, 0.98])
     is_alike = shortest_s / _ALIKE <= later.usual_s <= _ALIKE * longest_s
-    if not is_alike or not _is_under_load(earlier, later):
+    before, after = (one.segments(one.rest_current_a(one.span_ah)).loaded for one in pair)
+    if not is_alike or not len(before) or not len(after):
+        return ""
+    # A rest around the cut that is long enough lets the RC pairs relax.
+    rest_s = earlier.time_s[-1] - earlier.time_s[before[-1]]
+    if is_long(float(rest_s + later.time_s[after[0]] - later.time_s[0])):
         return ""
     step_a, step_v = (
         np.diff(np.concatenate([getattr(record, channel) for record in pair]))
@@ -112,15 +116,3 @@ def continuation(earlier: Record, later: Record) -> str:
         f"later, its voltage within {1e3 * left_v[cut]:.2g} mV of what R0 predicts, and its rows "
         "count on"
     )
-
-
-def _is_under_load(earlier: Record, later: Record) -> bool:
-    """True if the rest around the cut, if any, is too short for the RC pairs to relax."""
-    before, after = (
-        record.segments(record.rest_current_a(record.span_ah)).loaded for record in (earlier, later)
-    )
-    if not len(before) or not len(after):
-        return False
-    rest_s = earlier.time_s[-1] - earlier.time_s[before[-1]]
-    rest_s += later.time_s[after[0]] - later.time_s[0]
-    return not is_long(float(rest_s))

@@ -11,7 +11,6 @@ from fnmatch import fnmatchcase
 from functools import partial
 from pathlib import Path
 from typing import Any, get_args
-from weakref import WeakKeyDictionary
 
 import numpy as np
 import polars as pl
@@ -21,7 +20,7 @@ from ..errors import InputError, listed
 from ..notices import Notice, raise_first_error
 from ..settings import AutoHold, AutoSign
 from . import scale
-from .clock import examine_clock, examine_repeats, merge_repeats, separate_steps
+from .clock import examine_clock, examine_repeats, separate_steps
 from .column_rules import examine_columns, examine_twins
 from .columns import NOTHING, Header
 from .counters import skipped_ah
@@ -35,41 +34,26 @@ from .samples import Samples, samples_of
 from .sign import decide_sign, examine_direction
 from .silence import examine_empty_current, flowing_shares
 from .source import Source, read_source, source_from_frame
-from .table import FEWEST_CELLS, Table, examine_cells, few_common_rows, take_lines
+from .table import FEWEST_CELLS, examine_cells, few_common_rows, take_lines
 
 # A data frame of pandas, Polars, PyArrow or another library that narwhals supports.
 Frame = Any
-
-
-@dataclass(frozen=True, eq=False)
-class Examined:
-    """A table's samples, and what the rules found.
-
-    `samples` are as the file gives them, fit for a record where no finding is an error. `mended`
-    are what they would be without their faults, None where too little is left to look at.
-    """
-
-    samples: Samples | None
-    mended: Samples | None
-    findings: tuple[Notice, ...]
-
-
-# A table is examined when its record is read, and when it is checked: as a candidate, in its role,
-# and every part of it.
-_EXAMINED = WeakKeyDictionary[Table, dict[tuple[int, float | None], Examined]]()
+Examined = tuple[Samples | None, tuple[Notice, ...]]
 
 
 def examine(source: Source, capacity_ah: float | None = None) -> Examined:
     """The samples of a source, and what is wrong with them; `capacity_ah` lets charge be judged.
 
-    A table is examined once for each capacity: that is a third of the time that a folder takes.
+    They are without the faults that can be mended, None where too little is left to look at, and
+    fit for a record where no finding is an error. A table is examined once for each capacity: that
+    is a third of the time that a folder takes.
+
     Raises InputError where no column is like any of a record, or rows are no samples.
     """
-    examined = _EXAMINED.setdefault(source.table, {})
-    as_given = source.series, capacity_ah
-    if as_given not in examined:
-        examined[as_given] = _examined(source, capacity_ah)
-    return examined[as_given]
+    examined, given = source.table.examined, (source.series, capacity_ah)
+    if given not in examined:
+        examined[given] = _examined(source, capacity_ah)
+    return examined[given]
 
 
 def _examined(source: Source, capacity_ah: float | None) -> Examined:
@@ -79,38 +63,30 @@ def _examined(source: Source, capacity_ah: float | None) -> Examined:
         raise apart.about(source.name).error(".")
     lines = examine_cells(examine_empty_current(lines.noting(*findings)))
     if not columns.keys() >= NEEDED:
-        return Examined(None, None, lines.findings)
-    samples = mended = scale.examine_series(samples_of(lines), source.series)
-
-    judge_scale = partial(scale.examine_scale, capacity_ah=capacity_ah)
-    if mended.too_short:
-        # If bad cells took the samples, that has been said already.
-        is_said = any(finding.severity == "error" for finding in mended.findings)
-        values = () if is_said else (mended.too_short,)
-        return Examined(None, None, (*mended.findings, *values))
+        return None, lines.findings
+    samples = mended = samples_of(lines)
     # Absurd values overflow before they are found out.
     with np.errstate(all="ignore"):
         for rule in (
             examine_clock,
+            partial(scale.examine_series, series=source.series),
             separate_steps,
             examine_direction,
             scale.examine_voltage_unit,
-            judge_scale,
-            scale.examine_voltage_range,
+            partial(scale.examine_scale, capacity_ah=capacity_ah),
             examine_repeats,
+            # Which a record keeps as they are.
+            scale.examine_voltage_range,
         ):
-            mended = rule(mended)
+            samples, mended = mended, rule(mended)
             if mended.too_short:
-                return Examined(None, None, (*mended.findings, mended.too_short))
-            # The rules that follow judge the voltages, which a record keeps as they are.
-            samples = mended if rule is judge_scale else samples
+                # If bad cells took the samples, that has been said already.
+                is_said = any(finding.severity == "error" for finding in mended.findings)
+                return None, (*mended.findings, *(() if is_said else (mended.too_short,)))
         findings = scale.ask_once(mended.findings, columns)
         findings += scale.describe_units(mended.columns)
         findings += examine_twins(source, mended)
-        is_usable = bool(mended.intervals_s.min() > 0 and mended.peak_a > 0)
-    if not any(finding.severity == "error" for finding in findings):
-        samples = merge_repeats(samples)
-    return Examined(samples, mended if is_usable else None, tuple(findings))
+    return samples, tuple(findings)
 
 
 def read_record(
@@ -161,13 +137,12 @@ def read_record(
         raise InputError(
             f"{source.name}: has been read already; give `columns` and `series` where it is read."
         )
-    examined = examine(source)
-    raise_first_error(examined.findings, source.name)
-    samples = examined.samples
+    samples, findings = examine(source)
+    raise_first_error(findings, source.name)
     assert samples is not None  # Where there are none, that was an error.
     sign, doubts = decide_sign(samples, current_sign, source.name)
     record = make_record(source, samples, sign, current_hold)
-    findings = [finding.about(source.name) for finding in (*examined.findings, *doubts)]
+    findings = [finding.about(source.name) for finding in (*findings, *doubts)]
     return replace(
         aligned(record, voltage_lag),
         warnings=tuple(finding for finding in findings if finding.severity == "warning"),
@@ -176,7 +151,7 @@ def read_record(
 
 
 def record_from_frame(
-    frame: Frame,
+    frame: Any,
     *,
     name: str = "data frame",
     current_sign: AutoSign = "auto",

@@ -17,6 +17,8 @@ from .logger import Decision, SamplingEvidence
 # its row, and what it changes to has less than half of the row to be answered in: with one half, R0
 # of means over 10 s is 1 to 3 % low under most loads, with this within 2 %.
 EARLIER_SHARE = 0.54
+# Long enough for a robust spread of the current's noise, short against a rest.
+_WINDOW_SAMPLES = 32
 # In `Record.state`, what is no discharge (+1), charge (-1) or rest (0).
 OTHER_STATE = 9
 # A hyphen may be one between words.
@@ -151,7 +153,20 @@ class Record(Brief):
         >>> read_record(bundled_file("ocv_discharge")).rest_current_a(2.0)
         0.02
         """
-        return max(capacity_ah / 100, 5 * _noise_at_rest_a(self, capacity_ah))
+        # The noise: the median of robust ones of short windows that lie below C/20 throughout and
+        # below C/50 in the median. Differences of neighbors over sqrt(2) give the noise of white
+        # noise and little of a drift or a slow dither.
+        windows = self.samples // _WINDOW_SAMPLES
+        current_a = self.current_a[: windows * _WINDOW_SAMPLES].reshape(windows, _WINDOW_SAMPLES)
+        current_a = current_a[(np.abs(current_a) < capacity_ah / 20).all(axis=1)]
+        noise_a = 1.4826 * np.median(np.abs(np.diff(current_a, axis=1)), axis=1) / np.sqrt(2)
+        # Half against half: the means of white noise hardly differ, those of a swing do.
+        half = _WINDOW_SAMPLES // 2
+        drift_a = np.abs(current_a[:, :half].mean(axis=1) - current_a[:, half:].mean(axis=1))
+        is_steady = drift_a <= 3 * noise_a * np.sqrt(2 / half)
+        is_steady &= np.abs(np.median(current_a, axis=1)) < capacity_ah / 50
+        usual_a = float(np.median(noise_a[is_steady])) if is_steady.any() else 0.0
+        return max(capacity_ah / 100, 5 * usual_a)
 
     @cached_property
     def _segments(self) -> dict[float, "Segments"]:
@@ -250,20 +265,16 @@ class Segments:
         last_moving = np.maximum.accumulate(np.where(moving, np.arange(len(moving)), -1))
         return np.where(last_moving >= 0, -np.sign(current_a[last_moving]), float(initial))
 
-    def loads(self, direction: int) -> list[tuple[int, int]]:
-        """First and last samples of charges (+1) or discharges (-1) without a pause."""
-        first, last = runs(-direction * self.record.current_a > self.rest_a)
-        return list(zip(first.tolist(), last.tolist(), strict=True))
-
     def long_loads(self, direction: int) -> list[tuple[int, int]]:
-        """The same but for those of brakes and short loads."""
-        time_s = self.record.time_s
-        loads = self.loads(direction)
-        return [load for load in loads if time_s[load[1]] - time_s[load[0]] >= CHARGE_S]
+        """First and last samples of charges (+1) or discharges (-1) without a pause, but for brakes
+        and other short ones."""
+        ends = np.stack(runs(-direction * self.record.current_a > self.rest_a), axis=1)
+        is_lasting = np.diff(self.record.time_s[ends], axis=1)[:, 0] >= CHARGE_S
+        return [(first, last) for first, last in ends[is_lasting].tolist()]
 
-    def held_charges(self, capacity_ah: float) -> Iterator[int]:
-        """The last samples of charges that end as one to full does: at a voltage that is held while
-        the current tapers."""
+    def held_charges(self, capacity_ah: float, least_v: float = -np.inf) -> Iterator[int]:
+        """The last samples of charges that end as one to full does: at a voltage, above that one,
+        that is held while the current tapers."""
         for first, last in self.long_loads(1):
             voltage_v = self.record.voltage_v[first : last + 1]
             moving = np.flatnonzero(np.abs(voltage_v - voltage_v[-1]) > HELD_V)
@@ -271,14 +282,14 @@ class Segments:
             held_s = self.record.time_s[last] - self.record.time_s[held]
             end_a = -float(self.record.current_a[last])
             is_tapered = end_a < -TAPERED * self.record.current_a[held]
-            if held_s >= HELD_S and is_tapered and end_a <= capacity_ah / LEAST_HOURS:
+            is_tapered &= end_a <= capacity_ah / LEAST_HOURS
+            if held_s >= HELD_S and is_tapered and voltage_v[-1] >= least_v:
                 yield last
 
     def full_charges(self, capacity_ah: float) -> list[int]:
         """Those of which the voltage is the record's highest, whatever the cell."""
-        least_v = self.record.voltage_v.max() - NEAR_HIGHEST_V
-        held = self.held_charges(capacity_ah)
-        return [last for last in held if self.record.voltage_v[last] >= least_v]
+        highest_v = float(self.record.voltage_v.max())
+        return list(self.held_charges(capacity_ah, highest_v - NEAR_HIGHEST_V))
 
 
 def runs(holds: Bool[np.ndarray, "samples"]) -> tuple[Places, Places]:
@@ -292,6 +303,12 @@ def equal_runs(values: np.ndarray, fewest: int = 1) -> tuple[Places, Places]:
     edges = np.flatnonzero(np.diff(values, prepend=np.nan, append=np.nan) != 0)
     is_long = np.diff(edges) >= fewest
     return edges[:-1][is_long], edges[1:][is_long] - 1
+
+
+def run_sums(values: np.ndarray, first: Places, last: Places) -> np.ndarray:
+    """The sum over each run, of which the first and last places are given."""
+    total = np.append(0, np.cumsum(values))
+    return total[last + 1] - total[first]
 
 
 def in_means(record: Record, interval_s: float) -> Record:
@@ -347,9 +364,7 @@ def degc_in_name(name: str) -> float | None:
     [25.0, 5.0, -10.0]
     """
     named = _NAMED_DEGC.search(name)
-    if named is None:
-        return None
-    return -float(named["degrees"]) if named["minus"] else float(named["degrees"])
+    return named and (-1 if named["minus"] else 1) * float(named["degrees"])
 
 
 # Steps of the current are changes by this share of the largest. Those of a load reach over this
@@ -374,26 +389,3 @@ def reach_of_steps(current_a: Channel, charge: Channel) -> float:
 def reach(at: Float[np.ndarray, "steps"]) -> float:
     """The charge, or the SOC, over which steps at these reach, but for a few at either end."""
     return float(np.ptp(np.quantile(at, _ENDS)))
-
-
-# Long enough for a robust spread of the current's noise, short against a rest.
-_WINDOW_SAMPLES = 32
-
-
-def _noise_at_rest_a(record: Record, capacity_ah: float) -> float:
-    """The median robust noise of short windows of small, steady current; zero without such.
-
-    The windows lie below C/20 throughout and below C/50 in the median. Differences of neighbors
-    over sqrt(2) give the noise of white noise and little of a drift or a slow dither.
-    """
-    windows = record.samples // _WINDOW_SAMPLES
-    current = record.current_a[: windows * _WINDOW_SAMPLES].reshape(windows, _WINDOW_SAMPLES)
-    is_small = (np.abs(current) < capacity_ah / 20).all(axis=1)
-    current = current[is_small]
-    noise_a = 1.4826 * np.median(np.abs(np.diff(current, axis=1)), axis=1) / np.sqrt(2)
-    # Half against half: the means of white noise hardly differ, those of a swing do.
-    half = _WINDOW_SAMPLES // 2
-    drift_a = np.abs(current[:, :half].mean(axis=1) - current[:, half:].mean(axis=1))
-    is_low = np.abs(np.median(current, axis=1)) < capacity_ah / 50
-    is_steady = is_low & (drift_a <= 3 * noise_a * np.sqrt(2 / half))
-    return float(np.median(noise_a[is_steady])) if is_steady.any() else 0.0

@@ -11,7 +11,7 @@ from .counters import Counters
 from .dialects import Dialect
 from .lag import whole_lag
 from .record import STEP_SHARE, Record, held
-from .table import Lines
+from .table import COUNTS, Lines
 
 # The quantities that `Counters` takes, in its order.
 COUNTERS = ("charging capacity", "discharging capacity", "net capacity")
@@ -241,7 +241,7 @@ def few(values: np.ndarray, most: int = _ENOUGH) -> np.ndarray:
 def samples_of(lines: Lines) -> Samples:
     """The samples of lines that have a finite time, current and voltage throughout."""
     values = dict(lines.values)
-    for name in values.keys() & {"step", "cycle", "state"}:
+    for name in values.keys() & COUNTS:
         values[name] = values[name].astype(int)
     time_s, zero_date_s = values["time"], lines.zero_date_s
     if lines.columns["time"].quantity.name == "date" and len(time_s):

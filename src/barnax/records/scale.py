@@ -67,21 +67,19 @@ def _with_unusual(samples: Samples) -> Samples:
     is_slow = length_s > _LONG_S or samples.peak_a < _RATE * span_ah
     is_fast = length_s < _SHORT_S and samples.bulk_time[1] > _SWUNG_V
     is_named = is_clock(samples.table.columns[time.index]) or samples.table.has_fixed_units
-    is_named |= time.quantity.name == "date" or time.is_unit_given
-    if (is_slow or is_fast) and not is_named and "time" not in said:
-        rate = samples.peak_a / max(span_ah, LEAST_A)
-        samples = _with_unusual_unit(samples, "time", length_h=length_s / 3600, rate=rate)
+    is_named |= time.quantity.name == "date"
     is_small = current.unit.factor < 1 and ohm > _COIN_OHM and not samples.counters.written
-    if is_small and not current.is_unit_given and "current" not in said:
-        cell = {"peak_a": samples.peak_a, "ohm": ohm, "span_ah": span_ah}
-        samples = _with_unusual_unit(samples, "current", **cell)
+    speed = {"length_h": length_s / 3600, "rate": samples.peak_a / max(span_ah, LEAST_A)}
+    cell = {"peak_a": samples.peak_a, "ohm": ohm, "span_ah": span_ah}
+    for name, is_unusual, shown in (
+        ("time", (is_slow or is_fast) and not is_named, speed),
+        ("current", is_small, cell),
+    ):
+        column = samples.columns[name]
+        if is_unusual and not column.is_unit_given and name not in said:
+            unit = {"quantity": name, "column": column.header, "unit": column.unit.symbol}
+            samples = samples.telling(0, "columns.unit-unusual", **unit, **shown)
     return samples
-
-
-def _with_unusual_unit(samples: Samples, quantity: str, **values: float) -> Samples:
-    column = samples.columns[quantity]
-    unit = {"quantity": quantity, "column": column.header, "unit": column.unit.symbol}
-    return samples.telling(0, "columns.unit-unusual", **unit, **values)
 
 
 def _best(samples: Samples, witnesses: Sequence[Witness]) -> list[Reading]:
@@ -147,7 +145,12 @@ def _settled(samples: Samples, best: list[Reading]) -> Samples:
     at = int(np.argmax(np.abs(samples.current_a))) if kind == "current" else 0
     if len(best) > 1 or (reading.weight < CERTAIN and is_free and kind == "time"):
         as_it_is = Reading(kind, reading.names, column.unit, 1.0)
-        values["choices"] = " or ".join(_choices(samples, (as_it_is, *best)))
+        choices = []
+        for one in (one for one in (as_it_is, *best) if one.unit is not None):
+            apart = f" (samples {samples.apart_s * one.factor:.3g} s apart)"
+            is_time = one.quantity == "time"
+            choices.append(f"`columns='{one.option(samples)}'`{apart if is_time else ''}")
+        values["choices"] = " or ".join(choices)
         return samples.telling(at, "unit.reading", **values, case="asked" if is_free else "open")
     # Where nothing but the counters is in another unit, the current tells which.
     if reading.weight < CERTAIN and kind != CHARGE:
@@ -161,15 +164,6 @@ def _settled(samples: Samples, best: list[Reading]) -> Samples:
     mended = replace(mended, columns=columns)
     case = "counted" if kind == CHARGE else "taken"
     return mended.telling(at, "unit.reading", **values, case=case)
-
-
-def _choices(samples: Samples, readings: Sequence[Reading]) -> Iterator[str]:
-    """What the user may give, and how far samples are apart in each unit of the time."""
-    for reading in readings:
-        if reading.unit is not None:
-            apart = f" (samples {samples.apart_s * reading.factor:.3g} s apart)"
-            apart = apart if reading.quantity == "time" else ""
-            yield f"`columns='{reading.option(samples)}'`{apart}"
 
 
 # Past 10 V it is no cell but a module, past 1000 V a cell in millivolts, and past 10,000 V no pack
@@ -214,13 +208,10 @@ def examine_voltage_unit(samples: Samples) -> Samples:
         is_one = middle_v < 1e3 * _MODULE_V
         is_set = samples.columns["current"].unit.symbol == "mA" and is_one
         rename = samples.columns["voltage"].quantity.name_in("mV")
-        naming = {"quantity": "voltage", "unit": "mV", "rename": rename}
-        naming |= {
-            "case": "converted" if is_set else "milli",
-            "several": None if is_one else "true",
-        }
-        current = samples.header("current") if is_set else None
-        samples = mended("voltage-unit.scaled", 1e-3, current=current, **naming)
+        naming = {"quantity": "voltage", "unit": "mV", "rename": rename, "case": "milli"}
+        naming |= {"several": None if is_one else "true", "current": None}
+        naming |= {"case": "converted", "current": samples.header("current")} if is_set else {}
+        samples = mended("voltage-unit.scaled", 1e-3, **naming)
     elif middle_v > _MODULE_V:
         cells = max(2, round(middle_v / _NOMINAL_V))
         samples = mended("voltage-unit.pack", 1 / cells, series=cells)
@@ -298,21 +289,19 @@ def ask_once(findings: Sequence[Notice], columns: Mapping[str, Column]) -> list[
     """The findings, with one error that asks for all units that are missing, where one is asked for
     and that of another column is in doubt too; beside bare millivolts all are."""
     bare = {column.header for column in columns.values() if column.is_unit_assumed}
-    asked = [one for one in findings if _asks(one) and one.values["column"] in bare]
+    asked, open_too = [], [one for one in findings if one.code == "columns.units"]
+    for one in findings:
+        case = one.values.get("case")
+        is_asked = case == "milli" or (one.code == "unit.reading" and case != "counted")
+        if is_asked and one.values["column"] in bare:
+            asked.append(one)
     errors = [one for one in asked if one.severity == "error"]
-    open_too = [one for one in findings if one.code == "columns.units"]
     doubts = {one.values["column"] for one in asked}
     is_milli = any(one.code == "voltage-unit.scaled" for one in errors) and len(bare) > 1
     if not errors or not (is_milli or open_too or len(doubts) > 1):
         return [*findings]
     others = [one for one in findings if one not in (*asked, *open_too)]
     return [bare_units(columns, errors[0].what).rated("error"), *others]
-
-
-def _asks(finding: Notice) -> bool:
-    """True for what asks for the unit of a column, or takes one."""
-    case = finding.values.get("case")
-    return case == "milli" or (finding.code == "unit.reading" and case != "counted")
 
 
 def describe_units(columns: Mapping[str, Column]) -> Iterator[Notice]:

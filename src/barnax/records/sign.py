@@ -44,11 +44,16 @@ def decide_sign(samples: Samples, given: AutoSign, file: str) -> tuple[Decision,
     """
     shown = _from_data(samples)
     if given == "auto":
-        make, value = samples.dialect, samples.dialect.sign
+        make, column = samples.dialect, samples.columns["current"]
+        value = column.sign or make.sign
         names = f"the data do not tell, and {make.name} column names usually mean {value}"
         decision = shown or Decision(value, "assumed", names)
-        if make.is_sign_certain and decision.strength != "strong":
-            decision = Decision(value, "strong", f"{make.name} instruments write it so")
+        if decision.strength != "strong" and (column.sign or make.is_sign_certain):
+            says = f"{make.name} instruments write it so"
+            says = f"'{column.header}' says so" if column.sign else says
+            is_against = column.sign and decision.value != value
+            reason = f"{says}, although {decision.reason}" if is_against else says
+            decision = Decision(value, "weak" if is_against else "strong", reason)
         return decision, _doubts(samples, decision)
     if shown is None:
         return Decision(given, "given", "given by the user; the data do not show it"), []
@@ -94,13 +99,14 @@ def _weighed(evidence: Sequence[Evidence], vote: int = 0) -> Decision | None:
 
 def _doubts(samples: Samples, sign: Decision) -> list[Notice]:
     """A sign that is doubtful, or another than the columns' names mean."""
-    promised = samples.dialect.sign
-    values = {"sign": sign.value, "reason": sign.reason}
+    column, make = samples.columns["current"], samples.dialect
+    promised = column.sign or make.sign
+    values: dict[str, str | None] = {"sign": sign.value, "reason": sign.reason}
     if sign.strength in ("weak", "assumed"):
         code, values = "sign.doubtful", values | {"strength": sign.strength}
-    elif samples.dialect.is_make and sign.value != promised:
-        code = "sign.unusual"
-        values |= {"dialect": samples.dialect.name, "promised": promised}
+    elif (column.sign or make.is_make) and sign.value != promised:
+        code, header = "sign.unusual", column.header if column.sign else None
+        values |= {"column": header, "dialect": make.name, "promised": promised}
     else:
         return []
     at, _ = step_votes(samples)
@@ -255,13 +261,8 @@ def _of_states(samples: Samples) -> Evidence | None:
     """The file's own words for what a step does."""
     if samples.state is None:
         return None
-    ins, outs = samples.state == -1, samples.state == 1
-    rises, falls = samples.current_a > 0, samples.current_a < 0
-    alike = np.count_nonzero((ins & rises) | (outs & falls))
-    against = np.count_nonzero((ins & falls) | (outs & rises))
-    agreement = (alike - against) / max(alike + against, 1)
-    if abs(agreement) < 0.8:
-        return None
-    is_so = f"is {'positive' if agreement > 0 else 'negative'}"
-    words = f"the current {is_so} where '{samples.header('state')}' says that the cell is charged"
-    return Evidence(agreement, True, words)
+    votes = -np.sign(samples.current_a) * np.where(np.abs(samples.state) == 1, samples.state, 0)
+    agreement = float(votes.sum()) / max(np.count_nonzero(votes), 1)
+    sign, column = "positive" if agreement > 0 else "negative", samples.header("state")
+    words = f"the current is {sign} where '{column}' says that the cell is charged"
+    return Evidence(agreement, True, words) if abs(agreement) >= 0.8 else None

@@ -42,7 +42,7 @@ def flowing_shares(record: Record) -> Float[np.ndarray, "intervals"] | None:
     How E moves through all gaps is more likely of rests than of the load before or a usual one.
     """
     interval_s, current_a, held_a = record.interval_s, record.current_a, record.interval_current_a
-    usual_s, peak_a = float(np.median(interval_s)), float(np.max(np.abs(current_a)))
+    usual_s, peak_a = record.usual_s, float(np.max(np.abs(current_a)))
     either_a = np.minimum(np.abs(current_a[:-1]), np.abs(current_a[1:]))
     shown_a = either_a if record.hold.value == "centered" else np.abs(held_a)
     is_written = shown_a < _NO_CURRENT * peak_a

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import Any, Self
 from warnings import catch_warnings
 
@@ -27,11 +27,6 @@ Given = Any
 STDIN, STDIN_NAME = Path("-"), "standard input"
 # The names under which a shell passes another command's output.
 _PIPES, _PIPE_NAME = (Path("/dev/fd"), Path("/proc/self/fd")), "piped file"
-_CONTENT = {
-    b"PK\x03\x04": ("a zip archive or an OOXML workbook", (".xlsx", ".xlsm", ".ndax", ".zip")),
-    b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1": ("a workbook of the kind before OOXML", (".xls",)),
-    b"PAR1": ("a Parquet table", (".parquet", ".pq")),
-}
 _LONGEST_WARNING = 200
 _MAX_IN_SERIES = 1000
 # What lies in a folder beside measured files, and is no candidate for one.
@@ -39,33 +34,19 @@ _BESIDE = (".toml", ".json")
 _TEMPORARY = (".", "~$")
 
 
-def examine_suffix(file: str, content: bytes) -> tuple[Notice, ...]:
-    """A note where a file's suffix promises another format than its content is."""
-    suffix = PurePath(file).suffix.lower()
-    all_suffixes = {entry for _, suffixes in _CONTENT.values() for entry in suffixes}
-    kind, suffixes = next(
-        (entry for start, entry in _CONTENT.items() if content.startswith(start)),
-        ("text", ()),
-    )
-    if suffix in suffixes or (suffix not in all_suffixes and kind == "text"):
-        return ()
-    return (Notice("format.suffix", {"content": kind, "suffix": suffix}),)
-
-
 @dataclass(frozen=True, eq=False)
 class Source:
     """One file, or one data frame, as it was read: what records, checks and OCV tables are of.
 
-    `name` is what messages and results call it; `sha256` is of the file's bytes, or of the
-    frame's names and values. A source
-    with `span_s` is the part of a file between two times of its own clock. Its voltage is that of
-    so many cells in `series`. `logger` has what other records of its logger show.
+    `name` is what messages and results call it; `sha256` is of the file's bytes, or of the frame's
+    names and values. A source with `span_s` is the part of a file between two times of its own
+    clock. Its voltage is that of so many cells in `series`. `logger` has what other records of its
+    logger show.
     """
 
     name: str
     table: Table
     sha256: str
-    findings: tuple[Notice, ...] = ()
     span_s: tuple[float, float] | None = None
     series: int = 1
     logger: Logger | None = None
@@ -120,11 +101,10 @@ def read_source(
         with catch_warnings(record=True, action="always", category=UserWarning) as caught:
             table = read_table(content, name, given)
         sha256 = hashing.result()
-    findings = examine_suffix(name, content)
     texts = dict.fromkeys(cut(printable(str(one.message)), _LONGEST_WARNING) for one in caught)
     notes = (*table.notes, *(Notice("format.library", {"text": text}) for text in texts))
     table = replace(table, notes=notes)
-    return Source(name, _clean(table, given), sha256, findings, series=series)
+    return Source(name, _clean(table, given), sha256, series=series)
 
 
 def folders_around(folder: Path) -> tuple[Path, ...]:

@@ -1,7 +1,7 @@
 """A file's cells: the table as it was read, its lines as numbers in base units, and their rules."""
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
@@ -23,7 +23,7 @@ LineIndex = int | Bool[np.ndarray, "lines"]
 
 # Even nanoseconds since 1970 are less; anything larger overflows when it is squared.
 LARGEST_NUMBER = 1e20
-_LARGEST_WHOLE = 2**31
+COUNTS, _LARGEST_WHOLE = frozenset({"step", "cycle", "state"}), 2**31
 _IMPEDANCE = r"^\s*(FRA|EIS|P?EIS|GEIS|ACI|AC ?IMP.*)\s*$"
 LARGEST_FILE = 2_000_000_000
 # Rows are of steps or cycles where there are so many, and so large a share begins another; samples
@@ -58,6 +58,12 @@ class Table:
         """The table of a frame, whose names stand in row 1."""
         rows = np.arange(2, frame.height + 2)
         return cls(Header(tuple(frame.columns)), tuple(frame.get_columns()), rows, **fields)
+
+    @cached_property
+    def examined(self) -> dict[tuple[int, float | None], Any]:
+        """What `examine` made of it, for it is asked when a record is read, and when it is checked:
+        as a candidate, in its role, and every part of it."""
+        return {}
 
     @property
     def names_row(self) -> int:
@@ -269,51 +275,34 @@ def examine_cells(lines: Lines) -> Lines:
     """
     is_good = np.ones(len(lines), bool)
     is_unread = ~is_good
-    if (impedance := _impedance_rows(lines)).any():
-        word = lines.cell("state", int(np.argmax(impedance))) if "state" in lines.columns else None
-        given = {"rows": impedance.sum(), "state": word or None}
-        lines = lines.telling(impedance, "columns.left-out", part="impedance", **given)
-        is_good &= ~impedance
-    is_zero = is_good & (lines.values.get("voltage", 1) == 0)
-    if lines.table.header.dialect.writes_zero_volts and is_zero.any():
-        given = {"column": lines.header("voltage"), "rows": is_zero.sum()}
-        lines = lines.telling(is_zero, "cells.zero-volts", **given)
-        is_good &= ~is_zero
-    if _is_cut_short(lines):
-        lines = lines.telling(len(lines) - 1, "cells.cut-short")
-        is_good[-1] = False
-    if units := _units_row(lines):
-        lines = lines.telling(0, "cells.units-row", units=units)
-        is_good[0] = False
+    for is_none, code, given in _no_samples(lines):
+        if (is_none & is_good).any():
+            lines = lines.telling(is_none & is_good, code, **given)
+            is_good &= ~is_none
     for name, column in lines.columns.items():
-        bad = lines.bad(name) & is_good
+        values, bad = lines.values[name], lines.bad(name) & is_good
+        if name in COUNTS:
+            bad |= is_good & ((values != np.floor(values)) | (np.abs(values) >= _LARGEST_WHOLE))
         if not bad.any():
             continue
         first = int(np.argmax(bad))
-        cell = lines.cell(name, first)
-        is_large = np.abs(lines.values[name][first]) > LARGEST_NUMBER
+        cell, value = lines.cell(name, first), values[first]
         given = {
             "column": column.header,
             "stands": None if cell is None else repr(cell),
-            "limit": LARGEST_NUMBER if is_large else None,
+            "limit": LARGEST_NUMBER if np.abs(value) > LARGEST_NUMBER else None,
             "cells": bad.sum(),
         }
         # A clock of dates or of steps may have to tell the time.
         if name not in NEEDED:
             is_coded = name == "state" and not isinstance(cell, str)
-            given["reason"] = "codes" if is_coded else "cells"
-            lines = lines.without(name).telling(first, "cells.left-out", **given)
+            reason = "codes" if is_coded else "fractions" if np.isfinite(value) else "cells"
+            lines = lines.without(name).telling(first, "cells.left-out", **given, reason=reason)
             continue
         unit = column.unit.symbol if bad.sum() == is_good.sum() else None
         lines = lines.telling(first, "cells.no-number", **given, unit=unit)
         is_unread |= bad
     lines = lines.keep(is_good & ~is_unread)
-    for name in ("step", "cycle", "state"):
-        values = lines.values.get(name, np.zeros(0))
-        is_small = np.all(np.abs(values) < _LARGEST_WHOLE)
-        if not is_small or not np.array_equal(values, values.astype(np.int32)):
-            values = {"reason": "fractions", "column": lines.header(name)}
-            lines = lines.without(name).noting(Notice("cells.left-out", values))
     state = lines.values.get("state", np.zeros(0))
     if np.any(is_other := state == OTHER_STATE) and not np.any(np.abs(state) == 1):
         given = {"column": lines.header("state")}
@@ -322,35 +311,36 @@ def examine_cells(lines: Lines) -> Lines:
     return lines
 
 
-def _impedance_rows(lines: Lines) -> Bool[np.ndarray, "lines"]:
-    """The lines whose state, or whose frequency, is that of an impedance measurement."""
-    is_other = lines.values.get("state", np.zeros(len(lines))) == OTHER_STATE
-    if is_other.any():
+def _no_samples(lines: Lines) -> Iterator[tuple[Bool[np.ndarray, "lines"], str, dict[str, Any]]]:
+    """The lines of each kind that are no samples, the code of a notice of them and its values."""
+    # Those whose state, or whose frequency, is that of an impedance measurement.
+    words, state = None, lines.values.get("state", np.zeros(len(lines)))
+    is_other = state == OTHER_STATE
+    if "state" in lines.columns:
         words = lines.table.columns[lines.columns["state"].index].gather(lines.at[is_other])
         is_spectrum = words.cast(pl.String).str.contains(_IMPEDANCE).fill_null(False)
         is_other[is_other] = is_spectrum.to_numpy()
-    return is_other | lines.table.is_impedance[lines.at]
-
-
-def _is_cut_short(lines: Lines) -> bool:
-    """True if cells are missing at the end of the last line that the one before it has."""
-    if len(lines) < 2 or lines.table.sheets:
-        return False
-    last, before = (
-        [column[int(line)] is not None for column in lines.table.columns]
-        for line in lines.at[-2:][::-1]
-    )
-    end = len(last) - last[::-1].index(True)
-    needed = [column.index for name, column in lines.columns.items() if name in NEEDED]
-    return any(before[end:]) and any(index >= end for index in needed)
-
-
-def _units_row(lines: Lines) -> str:
-    """The units that the first line spells under time, current and voltage, or nothing."""
-    if not len(lines):
-        return ""
-    needed = {name: column.quantity for name, column in lines.columns.items() if name in NEEDED}
-    cells = [lines.cell(name, 0) for name in needed]
+    is_other |= lines.table.is_impedance[lines.at]
+    if is_other.any():
+        word = None if words is None else lines.cell("state", int(np.argmax(is_other)))
+        given = {"part": "impedance", "rows": is_other.sum(), "state": word or None}
+        yield is_other, "columns.left-out", given
+    if lines.table.header.dialect.writes_zero_volts and "voltage" in lines.columns:
+        is_zero = ~is_other & (lines.values["voltage"] == 0)
+        given = {"column": lines.header("voltage"), "rows": is_zero.sum()}
+        yield is_zero, "cells.zero-volts", given
+    index, columns = np.arange(len(lines)), lines.table.columns
+    needed = {name: column for name, column in lines.columns.items() if name in NEEDED}
+    if len(lines) > 1 and not lines.table.sheets:
+        ends = lines.at[-2:].tolist()
+        before, last = ([column[line] is not None for column in columns] for line in ends)
+        # Cells are missing at the end of the last line that the one before it has.
+        end = len(last) - last[::-1].index(True)
+        if any(before[end:]) and any(column.index >= end for column in needed.values()):
+            yield index == len(lines) - 1, "cells.cut-short", {}
+    # The first line spells the units of time, current and voltage.
+    cells = [lines.cell(name, 0) for name in needed] if len(lines) else []
     spelled = (str(cell).strip().strip("[]()").lower() for cell in cells)
-    are_units = (cell in one.units for cell, one in zip(spelled, needed.values(), strict=True))
-    return ", ".join(map(repr, cells)) if all(are_units) else ""
+    are_units = map(lambda text, column: text in column.quantity.units, spelled, needed.values())
+    if cells and all(are_units):
+        yield index == 0, "cells.units-row", {"units": ", ".join(map(repr, cells))}

@@ -68,30 +68,26 @@ def read_table(content: bytes, file: str, given: Mapping[str, str] = NOTHING) ->
             raise InputError(
                 f"Excel's lock file of an open workbook, not the workbook; give {file[2:]}."
             )
-        return _read(unzipped(content), given)
-
-
-def _read(content: bytes, given: Mapping[str, str]) -> Table:
-    """The table by the first reader that recognizes the content."""
-    if content.isspace() or not content:
-        raise InputError("the file is empty; give a file with measured samples.")
-    if _MARKUP.match(content):
+        content = unzipped(content)
+        if content.isspace() or not content:
+            raise InputError("the file is empty; give a file with measured samples.")
+        if _MARKUP.match(content):
+            raise InputError(
+                "the content is HTML, XML or JSON, not a table of cells, whatever the file's "
+                "suffix; open it in a spreadsheet program or a script, and save it as CSV."
+            )
+        for reader in READERS:
+            if reader.recognizes(content):
+                return reader.read(content, given)
+        if content.startswith(ZIP):
+            raise InputError(
+                "a zip archive, and not of one readable file; unpack it and give one of its files."
+            )
+        formats = ", ".join(reader.name for reader in READERS)
         raise InputError(
-            "the content is HTML, XML or JSON, not a table of cells, whatever the file's suffix; "
-            "open it in a spreadsheet program or a script, and save it as CSV."
+            "the content is binary and not in a known format, whatever the file's suffix. "
+            f"Known formats: {formats}. Export the record as one of them."
         )
-    for reader in READERS:
-        if reader.recognizes(content):
-            return reader.read(content, given)
-    if content.startswith(ZIP):
-        raise InputError(
-            "a zip archive, and not of one readable file; unpack it and give one of its files."
-        )
-    formats = ", ".join(reader.name for reader in READERS)
-    raise InputError(
-        "the content is binary and not in a known format, whatever the file's suffix. "
-        f"Known formats: {formats}. Export the record as one of them."
-    )
 
 
 __all__ = ["READERS", "Reader", "read_table", "unzipped"]

@@ -214,23 +214,6 @@ class Header:
         held = (kind for mark, kind in kinds if self._bare.issuperset(mark.split(" & ")))
         return next(held, None)
 
-    @cached_property
-    def frequencies(self) -> tuple[int, ...]:
-        """The columns of frequency, where others are of impedance."""
-        if not self.other_table:
-            return ()
-        return tuple(index for index, name in enumerate(self._normal) if name.startswith("freq"))
-
-    @cached_property
-    def numbered_voltages(self) -> list[list[str]]:
-        """Sets of columns that are named as the voltages of a pack's cells, and numbered alike."""
-        others = {column.header for name, column in self.columns.items() if name != "voltage"}
-        alike: dict[str, list[str]] = {}
-        for name, plain in zip(self.names, self._normal, strict=True):
-            if name not in others and re.search(r"\d", name) and names_cell_voltage(name):
-                alike.setdefault(re.sub(r"\d+", "#", plain), []).append(name)
-        return list(alike.values())
-
     def find(self, quantities: Iterable[Quantity]) -> dict[str, Column]:
         """The column of each quantity that is named, by the quantity's name.
 

@@ -67,16 +67,13 @@ class SlowRows:
         return "means" if correlation < _MEANS else "open"
 
     @property
-    def is_noise(self) -> bool:
-        """True where the voltage leaves no more than noise, as of a load in time with its log."""
-        return self.rows > 0 and _MEANS <= self.correlation / self.rows <= _INSTANTS
-
-    @property
     def changes_between(self) -> bool:
         """True if the load changes between rows."""
         if self.through or self.kind == "instants":
             return True
-        return self.alone >= ALONE * max(self.loaded, 1) and not self.is_noise
+        # Of a load in time with its log the voltage leaves no more than noise.
+        is_noise = self.rows > 0 and _MEANS <= self.correlation / self.rows <= _INSTANTS
+        return self.alone >= ALONE * max(self.loaded, 1) and not is_noise
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,12 @@ from .table import FEWEST_CELLS, examine_cells, few_common_rows, take_lines
 
 # A data frame of pandas, Polars, PyArrow or another library that narwhals supports.
 Frame = Any
+
+# A data frame of pandas, Polars, PyArrow or another library that narwhals supports.
+Frame = Any
 Examined = tuple[Samples | None, tuple[Notice, ...]]
+# A gap may hide a load of so many times the largest current that was logged.
+_HEAVIER = 3
 
 
 def examine(source: Source, capacity_ah: float | None = None) -> Examined:
@@ -151,7 +156,7 @@ def read_record(
 
 
 def record_from_frame(
-    frame: Any,
+    frame: Frame,
     *,
     name: str = "data frame",
     current_sign: AutoSign = "auto",
@@ -206,7 +211,8 @@ def make_record(source: Source, samples: Samples, sign: Decision, current_hold: 
 
     held_ah = samples.held_ah(hold.value)
     counted_ah = samples.counters.charge_ah(held_ah, samples.is_loaded)
-    hidden_ah = None if counted_ah is None else skipped_ah(counted_ah, held_ah, samples.max_ah)
+    max_ah = _HEAVIER * samples.peak_a * samples.intervals_s / 3600
+    hidden_ah = None if counted_ah is None else skipped_ah(counted_ah, held_ah, max_ah)
     # A record copies what can be written to, and nobody writes to these any more.
     for values in (samples.time_s, samples.voltage_v, samples.row):
         values.flags.writeable = False

@@ -21,11 +21,6 @@ _AGREEING = 0.5
 # Levels of a load stand within this share of the largest current and are so far apart; so many
 # changes through a value between them, more than straight ones, are of means.
 _STEADY, _APART, _BETWEEN, _FEWEST_BETWEEN = 0.015, 0.1, (0.1, 0.9), 5
-# An interval so many times the usual one is a gap that may hide a load, of at most so many times
-# the largest current that was logged.
-_FAR_LONGER, _HEAVIER = 30, 3
-# A rest does not move the voltage this far between two samples.
-_LOAD_V = 0.02
 # An input that is not connected, or a value that was not measured, reads less.
 _CONNECTED_V = 1e-3
 # The median of this many values is as good as that of all; of more, some are then left out.
@@ -167,11 +162,6 @@ class Samples(Lines):
         return is_loaded[1:] | is_loaded[:-1]
 
     @cached_property
-    def max_ah(self) -> Float[np.ndarray, "intervals"]:
-        """The charge that may have passed in each interval, whatever was logged of it."""
-        return _HEAVIER * self.peak_a * self.intervals_s / 3600
-
-    @cached_property
     def span_ah(self) -> float:
         """The charge between the fullest and emptiest moments, by counters that count it too."""
         # Where there are many intervals, sums of several in a row tell the same.
@@ -179,14 +169,6 @@ class Samples(Lines):
         integrated_ah = float(np.ptp(np.cumsum(np.add.reduceat(self.ended_ah, starts))))
         counted_ah = self.counters.charge_ah(self.ended_ah, self.is_loaded)
         return integrated_ah if counted_ah is None else max(integrated_ah, np.ptp(counted_ah))
-
-    @cached_property
-    def hidden_v(self) -> float:
-        """By how much the voltage moved in gaps with no current on either side of them."""
-        places = np.flatnonzero(self.intervals_s > _FAR_LONGER * self.interval_s)
-        ends_a = np.maximum(np.abs(self.current_a[places]), np.abs(self.current_a[places + 1]))
-        moved_v = np.abs(self.step_v[places[ends_a < STEADY_SHARE * self.peak_a]])
-        return float(moved_v[moved_v > _LOAD_V].sum())
 
     @cached_property
     def noise_v(self) -> float:
@@ -206,13 +188,6 @@ class Samples(Lines):
             step_v = self.voltage_v[after] - self.voltage_v[steps]
         rising = np.sign(np.sum(step_a * step_v))
         return rising * step_resistance_ohm(step_a, step_v, fewest=1)
-
-    @cached_property
-    def least_ohm(self) -> float:
-        """The resistance that a quarter of the steps that the voltage answers fall short of."""
-        steps = self.steps[self.answer_v[self.steps] != 0]
-        ohm = np.abs(self.answer_v[steps] / self.step_a[steps])
-        return float(np.quantile(ohm, 0.25)) if len(ohm) else 0.0
 
     @cached_property
     def bulk_time(self) -> tuple[float, float]:

@@ -1,6 +1,7 @@
 """A file's cells: the table as it was read, its lines as numbers in base units, and their rules."""
 
 import hashlib
+import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -13,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 from ..errors import LONGEST_CELL, cut
 from ..notices import Notice
 from .cell_values import DAY_S, dated_numbers, numbers
-from .columns import Column, Header, in_its_unit
+from .columns import Column, Header, in_its_unit, names_cell_voltage, normal
 from .counters import inner
 from .quantities import CELL_RANGE_V, NEEDED, QUANTITY_OF
 from .record import OTHER_STATE
@@ -74,10 +75,11 @@ class Table:
     def is_impedance(self) -> Bool[np.ndarray, "lines"]:
         """The lines with a frequency, where the table has columns of impedance."""
         is_impedance = np.zeros(len(self.row), bool)
-        for index in self.header.frequencies:
-            # Polars takes NaN for the largest number.
-            hertz = self.columns[index].cast(pl.Float64, strict=False).fill_nan(None)
-            is_impedance |= (hertz > 0).fill_null(False).to_numpy()
+        for name, column in zip(self.header.names, self.columns, strict=True):
+            if self.header.other_table and normal(name).startswith("freq"):
+                # Polars takes NaN for the largest number.
+                hertz = column.cast(pl.Float64, strict=False).fill_nan(None)
+                is_impedance |= (hertz > 0).fill_null(False).to_numpy()
         return is_impedance
 
     @cached_property
@@ -116,8 +118,14 @@ class Table:
     def cell_voltages(self) -> list[dict[str, Float[np.ndarray, "lines"]]]:
         """The sets of columns that may be the voltages of a pack's cells, in V by name, with at
         least two within what a cell has: a sensor that has failed is one of its kind."""
-        alike = self.header.numbered_voltages
-        sets = [{name: self.in_volts(name) for name in names} for names in alike]
+        named = self.header.columns.items()
+        others = {column.header for quantity, column in named if quantity != "voltage"}
+        alike: dict[str, dict[str, Any]] = {}
+        for name in self.header.names:
+            if name not in others and re.search(r"\d", name) and names_cell_voltage(name):
+                set_of = alike.setdefault(re.sub(r"\d+", "#", normal(name)), {})
+                set_of[name] = self.in_volts(name)
+        sets = alike.values()
         return [one for one in sets if sum(map(is_of_cell, one.values())) >= FEWEST_CELLS]
 
     def in_volts(self, name: str) -> Float[np.ndarray, "lines"]:

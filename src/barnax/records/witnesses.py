@@ -8,7 +8,7 @@ import numpy as np
 from .cell_values import FINEST_S, epoch_unit, is_clock, is_usual, numbers
 from .counters import gain_ah
 from .quantities import Unit
-from .samples import COUNTERS, Samples, few
+from .samples import COUNTERS, STEADY_SHARE, Samples, few
 
 CHARGE = "charge"
 # The weight from which a reading is certain.
@@ -70,8 +70,9 @@ _LONGEST_S, _FAR_S = 1e8, 500.0
 _STEEP_S, _SHORT_S, _BULK_S, _SLOW_S = 0.5, 40.0, 1e4, 50.0
 # The voltage must have moved for that to mean anything, and through more than the steep end.
 _TRAVEL_V, _STEEP_BELOW_V = 0.3, 3.0
-# A load has so many steps; a sweep has fewer.
-_MANY_STEPS = 10
+# A load has so many steps; a sweep has fewer. An interval so many times the usual one is a gap that
+# may hide one, for a rest does not move the voltage this far between two samples.
+_MANY_STEPS, _FAR_LONGER, _LOAD_V = 10, 30, 0.02
 # Between these intervals, numbers that no tester is set to are as good.
 _FINE_S, _COARSE_S = 0.2, 90.0
 # No tester is set so fast as to anything else, and no load steps so often.
@@ -125,7 +126,10 @@ def _of_time(samples: Samples) -> Iterator[Witness]:
     bulk_s, travel_v = samples.bulk_time
     # What relaxes within an interval, or comes late, is a large resistance at some of a sweep's few
     # steps; means and smoothed currents have small ones at some of a load's many steps.
-    least_s = bulk_s * samples.least_ohm / (abs(samples.answered_ohm) or 1.0)
+    steps = samples.steps[samples.answer_v[samples.steps] != 0]
+    ohm = np.abs(samples.answer_v[steps] / samples.step_a[steps])
+    least_ohm = float(np.quantile(ohm, 0.25)) if len(ohm) else 0.0
+    least_s = bulk_s * least_ohm / (abs(samples.answered_ohm) or 1.0)
     is_load = len(samples.steps) >= _MANY_STEPS
     is_shown = samples.resistance_ohm > 0 and (is_load or least_s > _BULK_S)
     if bulk_s and (is_shown or bulk_s <= _BULK_S):
@@ -137,7 +141,10 @@ def _of_bulk(samples: Samples, bulk_s: float, travel_v: float) -> Witness:
 
     Of a load in a gap the charge is missing, and only the rest of the travel is of what was logged.
     """
-    shown_v = travel_v - samples.hidden_v
+    gaps = np.flatnonzero(samples.intervals_s > _FAR_LONGER * samples.interval_s)
+    ends_a = np.maximum(np.abs(samples.current_a[gaps]), np.abs(samples.current_a[gaps + 1]))
+    moved_v = np.abs(samples.step_v[gaps[ends_a < STEADY_SHARE * samples.peak_a]])
+    shown_v = travel_v - float(moved_v[moved_v > _LOAD_V].sum())
     is_steep = samples.middle_v < _STEEP_BELOW_V or shown_v < 2 * _TRAVEL_V
     least_s = (_STEEP_S if is_steep else _SHORT_S) * shown_v / travel_v
     least_s = least_s if shown_v >= _TRAVEL_V else 0.0

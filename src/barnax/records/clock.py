@@ -100,9 +100,10 @@ def _within_steady_stamps(time: Clock, is_out: Flags) -> Flags:
     is_even = np.abs(beside_s - each_s) < _EVEN * each_s
     # Beside the first stamp of a step, or the last, there is none.
     is_steady = (each_s > 0) & np.all(is_even | (beside_s <= 0), axis=0) & np.any(is_even, axis=0)
-    edges = np.zeros((2, len(time)), int)
-    edges[0, first[is_steady]], edges[1, last[is_steady]] = 1, 1
-    return np.cumsum(edges[0]) - np.cumsum(edges[1]) + edges[1] > 0
+    is_within = np.zeros(len(time), bool)
+    for begin, end in zip(first[is_steady], last[is_steady] + 1, strict=True):
+        is_within[begin:end] = True
+    return is_within
 
 
 def _set_back(samples: Samples) -> Samples:

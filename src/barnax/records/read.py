@@ -38,9 +38,6 @@ from .table import FEWEST_CELLS, examine_cells, few_common_rows, take_lines
 
 # A data frame of pandas, Polars, PyArrow or another library that narwhals supports.
 Frame = Any
-
-# A data frame of pandas, Polars, PyArrow or another library that narwhals supports.
-Frame = Any
 Examined = tuple[Samples | None, tuple[Notice, ...]]
 # A gap may hide a load of so many times the largest current that was logged.
 _HEAVIER = 3

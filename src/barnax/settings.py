@@ -103,7 +103,7 @@ class Reading:
             (decided from the data).
         ocv_current_sign: Sign of current in the OCV tests.
         validate_current_sign: Sign of current in the validation records.
-        current_hold: When a sample's current flows: until the next sample (forward), since the
+        current_hold: How long each current value holds: until the next sample (forward), from the
             previous one (backward), about half of both (centered: means, or a load that changes
             between samples), or auto (decided from the data).
         voltage_lag: Seconds by which the voltage is older than the current of its row, negative

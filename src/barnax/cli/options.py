@@ -56,7 +56,7 @@ FIRST_WORDS = re.compile(r"[.;:] | \(|[.;:]$")
 
 # How the value of an option of a job is called, where its type does not say it.
 SPELLED: dict[Any, str] = {
-    **{"model": "iso-rc|so-rc|esc|...", "method": "NAME", "columns": "NAMES", "fix": "NAME=VALUE"},
+    **{"model": "iso-rc|so-rc|esc|...", "method": "NAME", "columns": "NAMES"},
     **dict.fromkeys(("current_sign", "ocv_current_sign", "validate_current_sign"), "SIGN"),
     **{"current_hold": "HOLD", "voltage_lag": "[FILE=]S", "ocv_fit": "FIT", "ocv_capacity": "AH"},
     **{"capacity": "AH", "temperature": "DEGC", "rest_current": "A", "resistances_follow": "LAW"},

@@ -270,7 +270,7 @@ def test_a_file_is_about_one_thing_and_more_than_a_function_that_has_not_found_i
 
 def test_checks_and_fleets_reports_load_neither_jax_nor_matplotlib_nor_what_scipy_has_of_signals():
     """They take longer to load than a check itself."""
-    modules = "barnax.checks, barnax.reporting.fleet, barnax.reporting.records"
+    modules = "barnax.checks, barnax.reporting.fleet, barnax.reporting.wording"
     modules += ", barnax.reporting.terminal"
     heavy = "{'jax', 'matplotlib', 'scipy.signal', 'scipy.stats'} & set(sys.modules)"
     script = f"import sys, {modules}; print(sorted({heavy}))"

@@ -12,7 +12,7 @@ from barnax.model.window import Window
 from barnax.pipeline import identify
 from barnax.plots import plot_soc_replay
 from barnax.replay import Scenario, SocReplay, replay_soc
-from barnax.reporting.records import soc_screen
+from barnax.reporting.replay import soc_screen
 from barnax.reporting.terminal import to_text
 from barnax.reporting.wording import sentences
 from barnax.result_filter import FilterSettings

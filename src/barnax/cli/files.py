@@ -90,7 +90,7 @@ def check(what: Checked) -> None:
             continue
         checks.append(check)
         listed.append(check.to_dict())
-        session.show_document(reporting.records.check_document(check))
+        session.show_document(reporting.wording.document("check", check=check))
         if what.quiet:
             findings = (finding for finding in check.findings if finding.counts)
             session.warn(wording("decisions.finding", check.file, each) for each in findings)

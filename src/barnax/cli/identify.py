@@ -104,7 +104,7 @@ def _fit_factors(options: Identification, paths: list[Path]) -> None:
         )
     kept = [record for path in paths for record in read_factors(path)]
     fit = fit_kept(kept, bounded_tables(job, but="[F]"))
-    run.show_document(reporting.records.kept_document(kept, fit))
+    run.show_document(reporting.wording.document("kept", kept=kept, fit=fit))
     if run.folder is not None:
         run.write({TABLES: reporting.parameters.tables_csv(TableFits((fit,)))})
         run.show(["", str(run.folder / TABLES)])

@@ -127,8 +127,13 @@ def drawn_files(
     drawn = draw()
     if report:
         document = document_of(drawn).with_option_names(as_flags)
-        return files | reporting.render.report_files(document, drawn)
-    return files | {f"figures/{figure.name}.png": figure.png for figure in drawn if figure.is_main}
+        files |= {
+            "report.html": reporting.render.to_html(document).encode(),
+            "report.md": reporting.render.to_markdown(document).encode(),
+            **{f"figures/{picture.name}.svg": picture.svg for picture in drawn},
+        }
+    shown = (picture for picture in drawn if report or picture.is_main)
+    return files | {f"figures/{picture.name}.png": picture.png for picture in shown}
 
 
 def require_there(path: Path) -> None:

@@ -208,7 +208,7 @@ def soc(on: OnRecord, chosen: FilterOptions, output: Output) -> None:
     settings = barnax.FilterSettings(chosen.filter, names, tables=chosen.tables)
     with run.watch("Replaying"):
         replay = barnax.replay_soc(stored, record, window, settings, **on.read)
-    document_of = partial(reporting.records.replay_document, replay)
+    document_of = partial(reporting.replay.replay_document, replay)
 
     def drawn() -> "list[reporting.document.Picture]":
         plot = barnax.plots.plot_soc_replay
@@ -216,7 +216,7 @@ def soc(on: OnRecord, chosen: FilterOptions, output: Output) -> None:
 
     draw = partial(drawn_files, drawn, document_of, chosen.report, chosen.paper)
     run.deliver({"soc.json": replay.to_json()}, draw)
-    run.show_document(reporting.records.soc_screen(replay))
+    run.show_document(reporting.replay.soc_screen(replay))
     run.show_written([PAGE, "soc.json", "figures"])
     run.warn(replay.warnings)
 
@@ -289,7 +289,7 @@ def _document(
     if "scenarios" in keys:
         missing = "soc.json has no estimates over time; barnax soc --report draws them"
         stored = barnax.SocReplay.from_json(path)
-        return reporting.records.replay_document(stored), missing
+        return reporting.replay.replay_document(stored), missing
     if "rows" in keys:
         stored = barnax.ComparisonResult.from_json(path)
         missing = "comparison.json has no records; barnax compare draws them"

@@ -9,8 +9,8 @@ from . import illustrations as illustrations
 from . import life as life
 from . import parameters as parameters
 from . import pulses as pulses
-from . import records as records
 from . import render as render
+from . import replay as replay
 from . import terminal as terminal
 from . import view as view
 from . import wording as wording

@@ -96,17 +96,6 @@ def to_fragment(document: Document) -> str:
     return _templates(for_html=True).get_template("fragment.html").render(document=document)
 
 
-def report_files(document: Document, drawn: Iterable[Picture]) -> dict[str, bytes]:
-    """A report in both forms and its figures, by their path below the results folder."""
-    files = {"report.html": to_html(document).encode(), "report.md": to_markdown(document).encode()}
-    for picture in drawn:
-        files |= {
-            f"figures/{picture.name}.png": picture.png,
-            f"figures/{picture.name}.svg": picture.svg,
-        }
-    return files
-
-
 def paper_files(drawn: Iterable[Picture]) -> dict[str, bytes]:
     """Figures drawn within `column_width`, as PDF and SVG by their path in the results folder."""
     kinds: tuple[Kind, ...] = ("pdf", "svg")

@@ -1,15 +1,12 @@
-"""Records in words: a replay by a Kalman filter, the checks of a file, the fit of kept factors."""
+"""A replay by a Kalman filter in words: its report and its screen."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from .document import Document, Lines, Paragraph, Picture, screen
 from .wording import blocks, document, sentences, wording
 
 if TYPE_CHECKING:
-    from ..checks import FileCheck
-    from ..over_soc.fit import TableFit
-    from ..over_soc.kept import Kept
     from ..replay import SocReplay
 
 
@@ -24,13 +21,3 @@ def soc_screen(replay: "SocReplay") -> Document:
     about = [wording("replay.record", replay, "   "), wording("replay.filter", replay)]
     lines = Lines(sentences("replay.verdict", replay))
     return screen(map(Paragraph, about), blocks("replay.errors", replay, True), [lines])
-
-
-def check_document(check: "FileCheck") -> Document:
-    """The file's contents, the findings, and the roles that it can serve in."""
-    return document("check", check=check)
-
-
-def kept_document(kept: "Sequence[Kept]", fit: "TableFit") -> Document:
-    """The fit of some kept records together."""
-    return document("kept", kept=kept, fit=fit)

@@ -291,30 +291,24 @@ def _made(kind: Any, given: Given) -> Any:
     return kind(**values)
 
 
-def windows_by_record(given: Given) -> dict[str, dict[str, Any]]:
-    """Fields of a `Window` by the name of the record they are for, "" for all."""
-    windows: dict[str, dict[str, Any]] = {}
+def windows_of(given: Given) -> dict[str, Window]:
+    """A window for all records by the name "", and one for each record that has its own.
+
+    A record's own start replaces the common one. Raises `InputError` for a value that cannot be
+    read, and where options of one record contradict each other.
+    """
+    chosen: dict[str, dict[str, Any]] = {}
     for option, (name, parse, example) in WINDOW_OPTIONS.items():
         for text in given.get(option, ()):
             record, _, value = text.rpartition("=")
             try:
-                windows.setdefault(record, {})[name] = parse(value)
+                chosen.setdefault(record, {})[name] = parse(value)
             except ValueError as problem:
                 raise InputError(
                     f"`{option}` {text!r}: write it like {example}, or FILE={example} for one of "
                     "the records"
                 ) from problem
-    return windows
-
-
-def windows_of(given: Given) -> dict[str, Window]:
-    """A window for all records by the name "", and one for each record that has its own.
-
-    A record's own start replaces the common one. Raises `InputError` where options of one record
-    contradict each other.
-    """
-    chosen, windows = windows_by_record(given), {}
-    common = chosen.get("", {})
+    windows, common = dict[str, Window](), chosen.get("", {})
     for name, of_record in chosen.items():
         kept = common
         if of_record.keys() & {"start_time_s", "start_after_step"}:

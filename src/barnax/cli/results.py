@@ -15,7 +15,7 @@ from .. import reporting
 from ..errors import InputError
 from ..notices import Notice
 from ..settings import Reading, Window
-from .options import Given, group, options_of, windows_by_record
+from .options import Given, group, options_of, windows_of
 from .output import RESULTS, Output, add_file, drawn_files, page_of, require_free_file, write_file
 from .session import Session, prepare_jax, shown
 
@@ -51,16 +51,15 @@ class OnRecord:
         from ..model.window import merged
         from ..result_filter import window_of
 
-        name, chosen = self.record.name, windows_by_record(self.of_records)
-        unknown = sorted(chosen.keys() - {"", name})
-        if unknown:
+        name, windows = self.record.name, windows_of(self.of_records)
+        if unknown := sorted(windows.keys() - {"", name}):
             raise InputError(f"an option is given for {unknown[0]!r}; the record is {name}")
-        given = Window(**{**chosen.get("", {}), **chosen.get(name, {})})
+        given = windows.get(name) or windows.get("") or Window()
         reading = Reading(**self.read)
         source = source_of(self.record, {}, reading)
         if self.whole_record:
             return source, given
-        window = window_of(stored, source, source, reading) if chosen else None
+        window = window_of(stored, source, source, reading) if windows else None
         return source, window and merged(window, given)
 
 

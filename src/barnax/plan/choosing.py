@@ -15,16 +15,7 @@ from ..settings import OVER_TEMPERATURE
 from .document import Plan, Use, named_degc
 from .draft import Draft, another_cell, copies_of, of_other_cells, plan_of_cells, why_useless
 from .looking import CandidateFile, Files, by_temperature, is_same_degc, look, split
-from .ocv import (
-    DIGITS,
-    SHOWN,
-    OcvChoice,
-    Started,
-    ocv_at,
-    ocv_reason,
-    record_capacity_ah,
-    sweeps_of,
-)
+from .ocv import DIGITS, OcvChoice, Started, ocv_at, ocv_reason, record_capacity_ah, sweeps_of
 
 # What is identified on, the kinds that show the most of a load first.
 _LOADS = ("drive cycle", "pulse test", "OCV test")
@@ -326,22 +317,25 @@ def options_of(
     draft: Draft, runs: Files, choice: OcvChoice
 ) -> tuple[dict[str, Any], dict[str, str]]:
     """Arguments of `identify` that the files decide, and why."""
+    if draft.given_ah is not None:
+        return {"capacity": draft.given_ah}, {"capacity": "given"}
     record, record_ah = runs[0], None
-    for file in runs if draft.given_ah is None else ():
-        window = draft.window(file)
-        is_full = window.initial_soc == 1.0 or draft.starts.get(file, SHOWN).is_full
-        taken_ah = record_capacity_ah(file, window, choice, is_full)
+    for file in runs:
+        start = draft.start(file)
+        is_full = start.window.initial_soc == 1.0 or start.is_full
+        taken_ah = record_capacity_ah(file, start.window, choice, is_full)
         is_used = draft.taken[file][0] == "identification"
         if taken_ah is not None and is_used and taken_ah > (record_ah or 0.0):
             record, record_ah = file, taken_ah
-    capacity_ah, reason = draft.given_ah, "given"
-    if capacity_ah is None and draft.window(record).capacity_ah is None and record_ah is not None:
+    if record_ah is not None and draft.start(record).window.capacity_ah is None:
         test = f"the OCV test has {choice.cell.capacity_ah:.4g} Ah"
         capacity_ah = record_ah
         reason = f"the Ah that {record.name} takes out of the full cell; {test}"
-    elif capacity_ah is None and choice.capacity_ah is not None:
+    elif choice.capacity_ah is not None:
         capacity_ah = float(f"{choice.capacity_ah:.{DIGITS}g}")
         passed_ah = [f"{sweep.passed_ah:.4g}" for sweep in sweeps_of(choice.tests)]
         why = f"passed {' and '.join(passed_ah)} Ah" if passed_ah else "has none"
         reason = f"the Ah of the longest discharge, because the OCV test {why}"
-    return ({}, {}) if capacity_ah is None else ({"capacity": capacity_ah}, {"capacity": reason})
+    else:
+        return {}, {}
+    return {"capacity": capacity_ah}, {"capacity": reason}

@@ -15,7 +15,7 @@ from ..notices import Notice
 from ..records.fingerprint import Content
 from .document import ROLES, SIMULATED, Part, Plan, Use
 from .looking import CandidateFile, Files, is_same_degc
-from .ocv import SHOWN, OcvChoice, Started, ocv_at, ocv_reason, started
+from .ocv import OcvChoice, Started, ocv_at, ocv_reason, started
 
 # What moves so many times the charge of a cell is of another.
 _BEYOND = 1.2
@@ -43,13 +43,13 @@ class Draft:
         """The files whose role is not settled."""
         return [file for file in self.files if file not in self.taken]
 
-    def window(self, file: CandidateFile) -> Window:
-        """The window of a record: from its start on, where that was looked for."""
-        return self.starts[file].window if file in self.starts else file.window
+    def start(self, file: CandidateFile) -> Started:
+        """The start of a record; where it was not looked for, that of its own window."""
+        return self.starts.get(file) or Started(file.window)
 
     def take(self, file: CandidateFile, role: Use, reason: str) -> None:
         """Settle a file's role, unless it is settled; what is simulated has its window then."""
-        window = self.window(file) if role in SIMULATED else Window()
+        window = self.start(file).window if role in SIMULATED else Window()
         self.taken.setdefault(file, (role, reason, window))
 
     def leave(self, reasons: Mapping[CandidateFile, str]) -> None:
@@ -96,7 +96,7 @@ class Draft:
         """Why a record serves, as the checks say, and where its start is known from."""
         roles = (name for name in ("identification", "validation") if file.serves(name))
         role = next(roles, None)
-        return "" if role is None else file.roles[role].reason + self.starts.get(file, SHOWN).words
+        return "" if role is None else file.roles[role].reason + self.start(file).words
 
     def tell_temperatures(self) -> None:
         """Put the temperature that a name tells into the windows of records without a column."""

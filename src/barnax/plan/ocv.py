@@ -159,10 +159,6 @@ class Started(NamedTuple):
     is_full: bool = False
 
 
-# Of a record that shows its start itself.
-SHOWN = Started(Window())
-
-
 def started(files: Files, file: CandidateFile, choice: OcvChoice) -> Started | InputError:
     """The window of a record, with its start where another of the files ends that the record goes
     on from if it does not show its own, and how that is known, in words; or why neither fits."""

@@ -29,7 +29,7 @@ from .choosing import options_of, plan
 from .document import SIMULATED, Part, Plan, Use, plan_from_toml
 from .draft import Draft
 from .looking import CandidateFile, by_temperature, look
-from .ocv import SHOWN, OcvChoice, Started
+from .ocv import OcvChoice, Started
 
 Asked = TypeVar("Asked", bound=Job)
 
@@ -84,8 +84,8 @@ def plan_given(job: Job, command: Literal["identify", "hppc"] = "identify") -> P
         elif role in SIMULATED and not file.refusal:
             choice = draft.start_given(file, tests, job.cell)
             choices |= {file: choice} if choice else {}
-        suggested, words = file.suggested, draft.starts.get(file, SHOWN).words
-        is_planned = role in SIMULATED and draft.window(file) != file.chosen
+        suggested, words = file.suggested, draft.start(file).words
+        is_planned = role in SIMULATED and draft.start(file).window != file.chosen
         draft.take(file, role, suggested.reason + words if is_planned and suggested else "")
     if job.over == OVER_TEMPERATURE:
         draft.tell_temperatures()
@@ -104,7 +104,7 @@ def planned_window(
     (file,) = look({"validation": [record]}, Job(reading=reading, window=common))["validation"]
     draft = Draft([file])
     draft.start_given(file, (), cell)
-    return draft.window(file)
+    return draft.start(file).window
 
 
 def with_choices(made: Plan, job: Job) -> Plan:

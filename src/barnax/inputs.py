@@ -334,15 +334,12 @@ def require_voltages(records: Sequence[Record]) -> None:
 
 def _require_different(records: Sequence[Record]) -> None:
     """Raise `InputError` where two records are of the same samples: they would count twice."""
-    seen: list[tuple[Record, Content]] = []
-    for record in records:
-        content, start = Content(record), (record.sha256, float(record.time_s[0]))
-        for first, other in seen:
-            # Parts of one file are different records.
-            is_same_file = record.sha256 and start == (first.sha256, float(first.time_s[0]))
-            if is_same_file or content.is_like(other):
-                same = "bytes" if is_same_file else "samples"
-                same = "name" if first.name == record.name else same
-                given = {"same": same, "other": first.name}
-                raise Notice("role.given-twice", given, record.name).error()
-        seen.append((record, content))
+    contents = [Content(record) for record in records]
+    for first, other in itertools.combinations(contents, 2):
+        one, record = first.record, other.record
+        # Parts of one file are different records.
+        is_same_file = record.sha256 == one.sha256 != "" and record.time_s[0] == one.time_s[0]
+        if is_same_file or other.is_like(first):
+            same = "bytes" if is_same_file else "samples"
+            given = {"same": "name" if one.name == record.name else same, "other": one.name}
+            raise Notice("role.given-twice", given, record.name).error()

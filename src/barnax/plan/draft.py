@@ -155,13 +155,14 @@ def copies_of(files: Files, given: Files) -> dict[CandidateFile, Notice]:
 
     What was given is kept, and of a record and a part of it the longer one.
     """
-    copies: dict[CandidateFile, tuple[str, str]] = {}
+    copies: dict[CandidateFile, Notice] = {}
     first_of: dict[tuple[object, ...], CandidateFile] = {}
     for file in sorted(files, key=lambda one: one not in given):
         # A record that came from no file is only like itself.
         source = (file.source.sha256, file.source.span_s) if file.source else (id(file),)
         if (same := first_of.setdefault(source, file)) is not file:
-            copies[file] = "bytes", same.name
+            values = {"same": "bytes", "other": same.name}
+            copies[file] = Notice("role.given-twice", values, file.name)
     unlike: list[Content] = []
     records = [file for file in files if file not in copies and file.is_record]
     for file in sorted(records, key=lambda one: (one not in given, -one.record.samples)):
@@ -169,12 +170,10 @@ def copies_of(files: Files, given: Files) -> dict[CandidateFile, Notice]:
         alike = next((other for other in unlike if content.is_like(other)), None)
         if alike is None:
             unlike.append(content)
-        else:
-            copies[file] = "samples", alike.record.name
-    return {
-        file: Notice("role.given-twice", {"same": same, "other": other}, file.name)
-        for file, (same, other) in copies.items()
-    }
+            continue
+        values = {"same": "samples", "other": alike.record.name}
+        copies[file] = Notice("role.given-twice", values, file.name)
+    return copies
 
 
 def plan_of_cells(draft: Draft) -> Plan | None:

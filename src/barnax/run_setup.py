@@ -224,9 +224,8 @@ def register_records(job: Job, records: Sequence[PreparedRecord]) -> list[Prepar
     tables = bounded_tables(job, but="[F]")
     if not get_circuit(circuit).has_rate:
         # A flat OCV is told by a circuit with a hysteresis, whose rate may be bounded.
-        bounds, fixed = dict(tables.bounds), dict(tables.fixed)
-        for given in (bounds, fixed):
-            given.pop(RATE, None)
+        bounds = {name: ends for name, ends in tables.bounds.items() if name != RATE}
+        fixed = {name: value for name, value in tables.fixed.items() if name != RATE}
         tables = replace(tables, bounds=bounds, fixed=fixed)
     alone = [
         one

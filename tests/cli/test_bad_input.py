@@ -16,6 +16,7 @@ import pytest
 
 from barnax import inputs
 from barnax.bundled import BUNDLED
+from barnax.plan import looking
 from helpers.golden import GOLDEN, RESULT, require_golden, without_blanks
 from helpers.records import CURRENT, TIME, VOLTAGE, changed, frame, once
 
@@ -157,8 +158,9 @@ def test_every_refusal_is_one_message_that_says_what_to_do(
     # Nothing is searched for before everything was looked at.
     monkeypatch.setattr("barnax.identification.search_seeds", None)
     # The bundled cell is the same in every case.
-    for name in ("read_record", "read_ocv_test"):
-        monkeypatch.setattr(inputs, name, once(getattr(inputs, name)))
+    looks = {inputs: ("read_record", "read_ocv_test"), looking: ("read_ocv_test", "check_file")}
+    for module, name in ((module, name) for module, names in looks.items() for name in names):
+        monkeypatch.setattr(module, name, once(getattr(module, name)))
     told = []
     for case in cases:
         words = [word.name if isinstance(word, Path) else word for word in case]

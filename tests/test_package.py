@@ -39,13 +39,14 @@ def loaded_by(code: str) -> set[str]:
     return set(json.loads(python("-c", f"{code}\n{report}").splitlines()[-1]))
 
 
-def loaded_by_command(*words: str) -> set[str]:
-    """What a command that ends well has loaded."""
+def loaded_by_commands(*commands: list[str]) -> set[str]:
+    """What one process has loaded after commands that end well."""
     return loaded_by(
-        f"import sys; sys.argv = ['barnax', *{words}]\n"
-        "from barnax.__main__ import main\n"
-        "try: main()\n"
-        "except SystemExit as end: assert not end.code, end.code"
+        "import sys; from barnax.__main__ import main\n"
+        f"for words in {commands}:\n"
+        "    sys.argv = ['barnax', *words]\n"
+        "    try: main()\n"
+        "    except SystemExit as end: assert not end.code, end.code"
     )
 
 
@@ -53,33 +54,26 @@ def test_importing_barnax_loads_nothing_heavy():
     assert not loaded_by("import barnax, barnax.__main__; barnax.__version__; dir(barnax)") & HEAVY
 
 
-@pytest.mark.parametrize("words", [[], ["identify"]], ids=str)
-def test_help_answers_without_jax(words):
-    assert not loaded_by_command(*words, "--help") & HEAVY
+def test_help_answers_without_jax():
+    assert not loaded_by_commands(["--help"], ["identify", "--help"]) & HEAVY
 
 
-@pytest.mark.parametrize("command", ["check", "convert"])
-def test_a_file_is_checked_and_converted_without_jax_and_figures(command, tmp_path):
-    beside = ["--out", str(tmp_path / "converted.csv")] if command == "convert" else []
-    code = (
-        "import sys; from barnax import bundled_file\n"
-        f"sys.argv = ['barnax', {command!r}, str(bundled_file('ocv_charge')), *{beside}]\n"
-        "from barnax.__main__ import main\n"
-        "try: main()\n"
-        "except SystemExit: pass"
-    )
-    assert "polars" in (loaded := loaded_by(code))
+def test_a_file_is_checked_and_converted_without_jax_and_figures(tmp_path):
+    name, out = str(barnax.bundled_file("ocv_charge")), str(tmp_path / "converted.csv")
+    loaded = loaded_by_commands(["check", name], ["convert", name, "--out", out])
+    assert "polars" in loaded
     assert not loaded & {"jax", "equinox", "optimistix", "matplotlib"}
 
 
-@pytest.mark.parametrize("words", ["{0}", "{0} --all", "{0} {1}", "{0} --choice"], ids=str)
-def test_a_result_is_shown_without_jax(words, tmp_path):
+def test_a_result_is_shown_without_jax_in_every_form(tmp_path):
     result = barnax.Result.from_json(RESULT)
     tried = Tried(None, result.model, 1, (), 0.01, None, None)
-    paths = [tmp_path / name for name in ("fresh.json", "aged.json")]
-    for path in paths:
-        path.write_text(result.model_copy(update={"tried": (tried,)}).to_json(), encoding="utf-8")
-    loaded = loaded_by_command("show", *words.format(*paths).split())
+    fresh, aged = (str(tmp_path / name) for name in ("fresh.json", "aged.json"))
+    for path in (fresh, aged):
+        text = result.model_copy(update={"tried": (tried,)}).to_json()
+        Path(path).write_text(text, encoding="utf-8")
+    forms = [fresh], [fresh, "--all"], [fresh, aged], [fresh, "--choice"]
+    loaded = loaded_by_commands(*(["show", *form] for form in forms))
     assert "pydantic" in loaded
     assert not loaded & {"jax", "jaxlib", "equinox", "optimistix"}
 

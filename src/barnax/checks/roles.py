@@ -66,6 +66,15 @@ class SuggestedWindow:
         """Arguments of `barnax.Window`."""
         return {name: value for name, value in vars(self.window).items() if value is not None}
 
+    @property
+    def advice(self) -> str:
+        """The options that `identify` takes where not all of a record is to be simulated."""
+        options = [
+            f"`{name.removesuffix('_s')}={','.join(f'{n:.10g}' for n in np.atleast_1d(value))}`"
+            for name, value in self.options.items()
+        ]
+        return f"identify takes {' '.join(options)}" if options else ""
+
 
 @dataclass(frozen=True)
 class Role:

@@ -28,7 +28,7 @@ from barnax.model.reference import errors_along
 from barnax.over_soc.fit import visited_soc
 from barnax.pipeline import with_ocv_test
 from barnax.records.hold import sampled_as
-from barnax.run_setup import bounded_tables, fitted_ocv_of
+from barnax.run_setup import bounded_tables, fit_ocv
 from barnax.select.choose import Bench, Fitted
 from barnax.select.family import NODE_LADDER, Point, limits_of
 from benchmarks.pages import as_markdown, provenance, publish
@@ -98,7 +98,7 @@ def row_of(cell: Cell, used: Sequence[int], others: Sequence[int]) -> Row:
     paths = [cell.records[index][0] for index in used]
     windows = {path.name: window for path, window in (cell.records[index] for index in used)}
     job = Job(records=paths, ocv=cell.tests, window=windows)
-    inputs, windows, first = with_ocv_test(job, read_inputs(job, fitted_ocv_of))
+    inputs, windows, first = with_ocv_test(job, read_inputs(job, fit_ocv))
     tables, tested = bounded_tables(job), first.cell
 
     def prepare(circuit: str) -> list[PreparedRecord]:

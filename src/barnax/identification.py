@@ -280,12 +280,10 @@ def optimum_or_none(problem: Problem) -> GlobalOptimum | None:
     return find_global_optimum(problem) if problem.is_compressible else None
 
 
-def _attempt(
-    part: str, warnings: list[Notice], function: Callable[..., Any], *given: Any, **more: Any
-):
+def _attempt(part: str, warnings: list[Notice], function: Callable[..., Any], *given: Any) -> Any:
     """The value of the function; where it fails, a warning: the answer stands without it."""
     try:
-        return function(*given, **more)
+        return function(*given)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError, RuntimeError) as problem:
         reason = str(problem) or type(problem).__name__
         warnings.append(Notice("answer.incomplete", {"part": part, "reason": reason}))

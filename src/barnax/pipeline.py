@@ -34,15 +34,7 @@ from .records import Record
 from .records.hold import sampled_as
 from .result_parts import InputPart
 from .results import Result
-from .run_setup import (
-    Setup,
-    fitted_ocv_of,
-    problem_of,
-    register_records,
-    set_up,
-    settled,
-    with_joint_starts,
-)
+from .run_setup import Setup, fit_ocv, problem_of, register_all, set_up, settled, with_joint_starts
 from .search.evaluate import step_warnings
 from .settings import OVER_TEMPERATURE, Settings, Trust
 
@@ -79,7 +71,7 @@ def identify(job: Job) -> Result:
 def _identified(job: Job, of_plan: Sequence[Notice] = ()) -> Result:
     """The same, where every file has its role."""
     optimizer = make_optimizer(job.method, job.population, job.iterations)
-    inputs = read_inputs(job, fitted_ocv_of)
+    inputs = read_inputs(job, fit_ocv)
     of_ocv = () if inputs.fitted_ocv is None else inputs.fitted_ocv.warnings
     inputs = replace(inputs, warnings=(*of_plan, *inputs.warnings, *of_ocv))
     with telling(inputs.warnings), job.watch("Choosing the circuit", 0):
@@ -107,7 +99,7 @@ def with_ocv_test(job: Job, inputs: Inputs) -> tuple[Inputs, dict[str, Window], 
     records, between = _between_ends(given.cell, given.prepared_records)
     if given.is_compressible:
         # A box too wide to reduce records for is searched, not fitted to.
-        records = register_records(job, records)
+        records = register_all(job, records)
     moved = windows | {one.record.name: one.window for one in records}
     inputs = _as_counted(inputs, windows, moved)
     inputs = replace(inputs, warnings=(*inputs.warnings, *between))
@@ -132,7 +124,7 @@ def _with_fitted_ocv(
         return sampled, windows, first
     # The capacity stays that of the first fit.
     cell = inputs.cell
-    fitted = fitted_ocv_of(job.changed(capacity=cell.capacity_ah), sampled.records)
+    fitted = fit_ocv(job.changed(capacity=cell.capacity_ah), sampled.records)
     cell = replace(fitted.cell, capacity_origin=cell.capacity_origin)
     return _with_fitted_ocv(job, replace(sampled, cell=cell, fitted_ocv=fitted), is_last=True)
 

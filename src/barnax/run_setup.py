@@ -213,7 +213,7 @@ def _on_windows(problem: Problem, registered: Sequence[PreparedRecord]) -> Probl
     return replace(problem, prepared_records=records)
 
 
-def register_records(job: Job, records: Sequence[PreparedRecord]) -> list[PreparedRecord]:
+def register_all(job: Job, records: Sequence[PreparedRecord]) -> list[PreparedRecord]:
     """The records, with what the OCV test tells of the start and capacity of those whose rests it
     contradicts, and beside a constant circuit that is asked for, several of each other's; beside
     one that is chosen they tell it once it is."""
@@ -250,7 +250,7 @@ def bounded_tables(job: Job, but: str | None = None) -> TableSettings:
 
 
 @in_float64
-def fitted_ocv_of(job: Job, records: Sequence[Record]) -> FittedOcv:
+def fit_ocv(job: Job, records: Sequence[Record]) -> FittedOcv:
     """The cell of records that have no OCV test, with their tables, or one value at every SOC.
 
     Raises `InputError` where what is asked for needs a test.

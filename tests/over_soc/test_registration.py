@@ -21,7 +21,7 @@ from barnax.pipeline import _between_ends
 from barnax.records import read_record
 from barnax.reporting.view import View
 from barnax.reporting.wording import sentences
-from barnax.run_setup import register_records
+from barnax.run_setup import register_all
 from helpers.known_cell import FEW_NODES, R0_OHM, R_OHM, SMALL, TAU_S, cell_with_ocv, made, ocv_v
 from helpers.problems import drive_a, simulated_record
 from helpers.reference import drop_v, filtered_response, make_record
@@ -139,8 +139,8 @@ def test_a_bound_of_gamma_is_no_bound_of_a_circuit_without_it(emptied, monkeypat
 
     monkeypatch.setattr("barnax.run_setup.register_alone", boxed)
     told = prepared_with(*emptied)
-    assert register_records(barnax.Job(**given), [told]) == [told]
-    register_records(barnax.Job(bounds={"tau1 [s]": (7.0, 8.0)}), [told])
+    assert register_all(barnax.Job(**given), [told]) == [told]
+    register_all(barnax.Job(bounds={"tau1 [s]": (7.0, 8.0)}), [told])
     assert RATE not in asked[0]
     assert asked[1]["tau1 [s]"] == (7.0, 8.0)
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from barnax.baselines import METHODS
 from barnax.comparison.statistics import Resampled, compare_over_time
-from barnax.reporting.words import bound_words
+from barnax.reporting.words import symbol
 from barnax.search.evaluate import Evaluation
 
 from .cases import EXACT, MODELS, Ran
@@ -100,7 +100,7 @@ def rows_table(ran: Ran) -> Iterator[str]:
         if not METHODS[row.method].is_deterministic:
             spread = _millivolts(errors_v.min(), errors_v.max())
         bands = row.errors[0].bands
-        at_bounds = [bound_words(each.name, each.side) for each in row.at_bound]
+        at_bounds = [f"{symbol(each.name)} at its {each.side} bound" for each in row.at_bound]
         optimality_gap = (
             0.0
             if row.optimality_gap is None or abs(row.optimality_gap) < 1e-9

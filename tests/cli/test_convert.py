@@ -119,8 +119,7 @@ def test_files_of_one_log_may_hold_their_columns_as_different_types(run, refuse,
     names = [tmp_path / "a.parquet", tmp_path / "b.csv"]
     first.with_columns(pl.col(CURRENT).cast(pl.Int64)).write_parquet(names[0])
     second.write_parquet(names[1])
-    told = run("convert", *names, "--out", tmp_path / "o.csv").err
-    assert "the content is a Parquet table" in " ".join(told.split())
+    run("convert", *names, "--out", tmp_path / "o.csv")
     read = read_record(tmp_path / "o.csv")
     np.testing.assert_allclose(read.current_a, current_a, rtol=1e-12)
     dates = pl.from_epoch(pl.col(TIME).cast(pl.Int64))

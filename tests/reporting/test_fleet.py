@@ -28,7 +28,7 @@ def test_what_is_wrong_in_a_row_is_named_with_its_cell_and_column():
         FleetCell("c", validate_window={"initial_soc": 95.0}),
         FleetCell("d", window={"initial_soc": 0.9}, options={"model": "1rc"}),
     ]
-    missing, soc, circuit, of_validation = problem_lines(cells)
+    missing, soc, circuit, of_validation = problem_lines(cells, {})
     assert missing == "a: x.csv does not exist"
     assert soc.startswith("b: initial_soc 95.0 is not a fraction")
     assert circuit.startswith("b: model '2rc' is not known; there are iso-rc, so-rc")

@@ -308,27 +308,20 @@ _COARSE = 0.05
 _APART_S, _APART_SHARE = 5e-4, 0.1
 
 
-def separate_steps(samples: Samples) -> Samples:
-    """The samples with both sides of a change of step that share a time stamp, a little apart."""
-    is_repeat = samples.intervals_s == 0
-    if samples.step is None or not is_repeat.any():
-        return samples
-    sides = is_repeat & (np.diff(samples.step) != 0)
-    if not sides.any():
-        return samples
-    time_s = samples.time_s
-    has_sides = np.isin(time_s, time_s[1:][sides])
-    noted = samples.telling(int(np.argmax(sides)) + 1, "repeats.both-sides", changes=sides.sum())
-    apart_s = _spread(time_s, _APART_SHARE, _APART_S)
-    return noted.having(time=np.where(has_sides, apart_s, time_s))
-
-
 def examine_repeats(samples: Samples) -> Samples:
     """The samples on a clock that strictly rises, told which of them were logged twice.
 
-    Of two samples of one time stamp the first is kept. Where there are more of different values
-    than the two sides of a step explain, they are spread over the interval that follows.
+    Both sides of a change of step that share a time stamp are put a little apart. Of two others of
+    one stamp the first is kept. Where there are more of different values than the two sides of a
+    step explain, they are spread over the interval that follows.
     """
+    is_repeat = samples.intervals_s == 0
+    sides = is_repeat & (samples.step is not None and np.diff(samples.step) != 0)
+    if sides.any():
+        time_s, at = samples.time_s, int(np.argmax(sides)) + 1
+        apart_s = _spread(time_s, _APART_SHARE, _APART_S)
+        samples = samples.telling(at, "repeats.both-sides", changes=sides.sum())
+        samples = samples.having(time=np.where(np.isin(time_s, time_s[1:][sides]), apart_s, time_s))
     # Interval by interval: of the stamp before, and alike wholly, within the resolution, or not.
     is_repeat = samples.intervals_s == 0
     if not is_repeat.any():

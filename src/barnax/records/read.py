@@ -20,7 +20,7 @@ from ..errors import InputError, listed
 from ..notices import Notice, raise_first_error
 from ..settings import AutoHold, AutoSign
 from . import scale
-from .clock import examine_clock, examine_repeats, separate_steps
+from .clock import examine_clock, examine_repeats
 from .column_rules import examine_columns, examine_twins
 from .columns import NOTHING, Header
 from .counters import skipped_ah
@@ -28,13 +28,13 @@ from .dialects import CHARGE
 from .hold import decide_hold, evidence_of
 from .lag import Scan, aligned, find_scan
 from .logger import Decision
-from .quantities import CELL_RANGE_V, NEEDED
+from .quantities import NEEDED
 from .record import Record
 from .samples import Samples, samples_of
 from .sign import decide_sign, examine_direction
 from .silence import examine_empty_current, flowing_shares
 from .source import Source, read_source, source_from_frame
-from .table import FEWEST_CELLS, examine_cells, few_common_rows, take_lines
+from .table import FEWEST_CELLS, examine_cells, is_of_cell, take_lines
 
 # A data frame of pandas, Polars, PyArrow or another library that narwhals supports.
 Frame = Any
@@ -50,7 +50,7 @@ def examine(source: Source, capacity_ah: float | None = None) -> Examined:
     fit for a record where no finding is an error. A table is examined once for each capacity: that
     is a third of the time that a folder takes.
 
-    Raises InputError where no column is like any of a record, or rows are no samples.
+    Raises InputError where no column is like any of a record.
     """
     examined, given = source.table.examined, (source.series, capacity_ah)
     if given not in examined:
@@ -60,10 +60,8 @@ def examine(source: Source, capacity_ah: float | None = None) -> Examined:
 
 def _examined(source: Source, capacity_ah: float | None) -> Examined:
     columns, findings = examine_columns(source.table, source.name)
-    lines = take_lines(source.table, columns)
-    if apart := few_common_rows(lines):
-        raise apart.about(source.name).error(".")
-    lines = examine_cells(examine_empty_current(lines.noting(*findings)))
+    lines = take_lines(source.table, columns).noting(*findings)
+    lines = examine_cells(examine_empty_current(lines))
     if not columns.keys() >= NEEDED:
         return None, lines.findings
     samples = mended = samples_of(lines)
@@ -72,7 +70,6 @@ def _examined(source: Source, capacity_ah: float | None) -> Examined:
         for rule in (
             examine_clock,
             partial(scale.examine_series, series=source.series),
-            separate_steps,
             examine_direction,
             scale.examine_voltage_unit,
             partial(scale.examine_scale, capacity_ah=capacity_ah),
@@ -267,15 +264,13 @@ def read_pack(source: Source, cells: str | None = None, **reading: Any) -> PackR
     Raises `InputError` where fewer than two cells are found, or several sets of them.
     """
     table = source.table
-    columns = _voltages(source, cells)
-    low_v, high_v = CELL_RANGE_V
-    left_out = {}
+    columns, left_out = _voltages(source, cells), {}
     for name, cell_v in columns.items():
         bad = np.flatnonzero(~np.isfinite(cell_v))
-        middle_v = np.median(cell_v) if len(cell_v) else np.nan
         if len(bad):
             left_out[name] = f"no number in {len(bad)} rows, the first row {table.row[bad[0]]}"
-        elif not low_v < middle_v < high_v:
+        elif not is_of_cell(cell_v):
+            middle_v = np.median(cell_v) if len(cell_v) else np.nan
             left_out[name] = f"a median of {middle_v:.4g} V, which no cell has"
     used = [name for name in columns if name not in left_out]
     if len(used) < FEWEST_CELLS:

@@ -264,18 +264,6 @@ def table_sha256(table: Table) -> str:
     return digest.hexdigest()
 
 
-def few_common_rows(lines: Lines) -> Notice | None:
-    """An error where hardly a row has both a current and a voltage."""
-    if not lines.columns.keys() >= NEEDED:
-        return None
-    has_current, has_voltage = ~lines.bad("current"), ~lines.bad("voltage")
-    both = int(np.sum(has_current & has_voltage))
-    if both >= _COMMON * min(has_current.sum(), has_voltage.sum()):
-        return None
-    names = {name: lines.header(name) for name in ("current", "voltage")}
-    return notice_at(lines, has_voltage, "cells.apart", **names, rows=both)
-
-
 def examine_cells(lines: Lines) -> Lines:
     """The lines whose time, current and voltage are finite, told what stands in the others.
 
@@ -283,6 +271,15 @@ def examine_cells(lines: Lines) -> Lines:
     """
     is_good = np.ones(len(lines), bool)
     is_unread = ~is_good
+    if lines.columns.keys() >= NEEDED:
+        # Current and voltage may be written in rows of their own.
+        has_current, has_voltage = ~lines.bad("current"), ~lines.bad("voltage")
+        both = int(np.sum(has_current & has_voltage))
+        if both < _COMMON * min(has_current.sum(), has_voltage.sum()):
+            names = {name: lines.header(name) for name in ("current", "voltage")}
+            apart = notice_at(lines, has_voltage, "cells.apart", **names, rows=both)
+            # Before all else, for nothing can be told of such rows.
+            return replace(lines.keep(is_unread), findings=(apart, *lines.findings))
     for is_none, code, given in _no_samples(lines):
         if (is_none & is_good).any():
             lines = lines.telling(is_none & is_good, code, **given)

@@ -33,6 +33,9 @@ _STARTS = 61
 _DEGREES = 5.0
 # From here on a temperature may be one of Fahrenheit, 15 degC, in a column that is named otherwise.
 _WARM_DEGC = 59.0
+Chosen = Float[np.ndarray, "chosen"]
+# In degC, by the names of files.
+Temperatures = Sequence[tuple[str, float | None]]
 # Records of one cell that are logged as fast, within such a factor, have resistances so much alike.
 _AS_FAST, _ALIKE = 2.0, 1.5
 
@@ -67,9 +70,7 @@ def follow(record: Record, cell: CellModel, capacity_ah: float) -> Callable[[flo
     return apart_v
 
 
-def _source(
-    record: Record, capacity_ah: float
-) -> tuple[Float[np.ndarray, "chosen"], Float[np.ndarray, "chosen"], Float[np.ndarray, "chosen"]]:
+def _source(record: Record, capacity_ah: float) -> tuple[Chosen, Chosen, Chosen]:
     """The voltage without R I, the charge taken out as a share of the capacity, and R times the
     mean current of the two minutes before."""
     resistance_ohm = record_resistance_ohm(record)
@@ -127,9 +128,7 @@ def compare_with_cell(
 
 
 def compare_temperatures(
-    records: Sequence[tuple[str, float | None]],
-    tests: Sequence[tuple[str, float | None]],
-    identified: Sequence[tuple[str, float | None]] = (),
+    records: Temperatures, tests: Temperatures, identified: Temperatures = ()
 ) -> list[Notice]:
     """A notice of each record that is much warmer or colder than every OCV test, or than every
     record that its circuit was identified on."""

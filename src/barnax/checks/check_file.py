@@ -170,7 +170,8 @@ def check_file(
             findings += [] if is_reported else doubts
             record = make_record(source, samples, sign, current_hold)
             part = source.cut(samples)
-            given = CheckInput.of(part, record, capacity_ah, rest_current_a, voltage_lag)
+            user = {"capacity_ah": capacity_ah, "given_rest_a": rest_current_a}
+            given = CheckInput.of(part, record, voltage_lag, **user)
             for check in CHECKS.values():
                 findings += check(given)
             traits = traits_of(given)

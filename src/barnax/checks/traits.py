@@ -43,21 +43,14 @@ class CheckInput:
     late_rows: int = 0
 
     @classmethod
-    def of(
-        cls,
-        samples: Samples,
-        record: Record,
-        capacity_ah: float | None,
-        rest_a: float | None,
-        lag_s: float | None,
-    ) -> Self:
-        """The input of the checks; a lag of None is looked for.
+    def of(cls, samples: Samples, record: Record, lag_s: float | None, **user: Any) -> Self:
+        """The input of the checks with the user's values; a lag of None is looked for.
 
         Raises `InputError` for a lag that is no number, or is longer than the record.
         """
         require_lag(record, lag_s or 0.0)
         lag = find_lag(record) if lag_s is None else None
-        given = cls(samples, record, capacity_ah, rest_a, lag, lag_s is not None)
+        given = cls(samples, record, lag=lag, is_lag_given=lag_s is not None, **user)
         late_s = lag.seconds if lag else lag_s or 0.0
         given = replace(given, late_rows=round(late_s / record.usual_s))
         if not given.late_rows:

@@ -26,6 +26,7 @@ from .table import FEWEST_CELLS, Table, is_of_cell, notice_at
 
 Columns = Mapping[str, Column]
 Channel = Float[np.ndarray, "samples"]
+Apart = dict[str, str | float]
 
 REQUIRED = tuple(quantity for quantity in QUANTITIES if quantity.name in NEEDED)
 # Dates that stand still in a larger share of the intervals are printed too coarsely to be a clock.
@@ -313,9 +314,7 @@ def _others(header: Header, quantity: str, used: Column) -> Iterator[Column]:
             yield replace(column, index=index)
 
 
-def _apart_voltages(
-    samples: Samples, used: Channel, other: Channel, name: str
-) -> dict[str, str | float]:
+def _apart_voltages(samples: Samples, used: Channel, other: Channel, name: str) -> Apart:
     """How a voltage differs: by the current times a resistance, or otherwise."""
     if not is_of_cell(other):
         return {}
@@ -335,7 +334,7 @@ def _apart_voltages(
     return {"by": "volts", "apart_v": usual_v} if usual_v < _OTHER_V and is_alike else {}
 
 
-def _apart_currents(_: Samples, used: Channel, other: Channel, name: str) -> dict[str, str | float]:
+def _apart_currents(_: Samples, used: Channel, other: Channel, name: str) -> Apart:
     """The factor by which a current is another."""
     ratio = float(used @ other) / max(float(used @ used), _TINY)
     is_apart = abs(cosine(used, other)) > _PROPORTIONAL and abs(ratio - 1) > _EQUAL

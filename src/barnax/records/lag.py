@@ -46,6 +46,7 @@ Intervals = Float[np.ndarray, "intervals"]
 Rows = Float[np.ndarray, "samples"]
 Table = Float[np.ndarray, "places changes"]
 Voltages = Float[np.ndarray, "samples cells"]
+Changes = tuple[Int[np.ndarray, "places"], Table, Float[np.ndarray, "changes"]]
 
 
 @dataclass(frozen=True)
@@ -168,9 +169,7 @@ def whole_lag(interval_s: Intervals, current_a: Rows, voltage_v: Rows) -> int:
     return tried[best] if is_late else 0
 
 
-def _changes(
-    interval_s: Intervals, current_a: Rows, near: int, most: int
-) -> tuple[Int[np.ndarray, "places"], Table, Float[np.ndarray, "changes"]] | None:
+def _changes(interval_s: Intervals, current_a: Rows, near: int, most: int) -> Changes | None:
     """Intervals so near to steps of the current, at most so many, D i and what is slow there as
     columns of one scale, and that scale; None where too few are on an even clock."""
     usual_s, step_a = _usual_s(interval_s), np.diff(current_a)

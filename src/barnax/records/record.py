@@ -30,6 +30,7 @@ _NAMED_DEGC = re.compile(
 
 Places = Int[np.ndarray, "places"]
 Channel = Float[np.ndarray, "samples"]
+Intervals = Float[np.ndarray, "intervals"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -79,8 +80,8 @@ class Record(Brief):
     warnings: tuple[Notice, ...] = ()
     notes: tuple[Notice, ...] = ()
     charge_ah: Channel | None = None
-    skipped_ah: Float[np.ndarray, "intervals"] | None = None
-    flowing: Float[np.ndarray, "intervals"] | None = None
+    skipped_ah: Intervals | None = None
+    flowing: Intervals | None = None
     cycle: Int[np.ndarray, "samples"] | None = None
     state: Int[np.ndarray, "samples"] | None = None
     voltage_lag_s: float = 0.0
@@ -106,7 +107,7 @@ class Record(Brief):
         return len(self.time_s)
 
     @property
-    def interval_s(self) -> Float[np.ndarray, "intervals"]:
+    def interval_s(self) -> Intervals:
         """Seconds between neighboring samples."""
         return np.diff(self.time_s)
 
@@ -116,7 +117,7 @@ class Record(Brief):
         return float(np.median(self.interval_s))
 
     @property
-    def interval_current_a(self) -> Float[np.ndarray, "intervals"]:
+    def interval_current_a(self) -> Intervals:
         """The mean current between neighboring samples, by the record's hold."""
         held_a = held(self.hold.value, self.current_a[:-1], self.current_a[1:])
         return held_a if self.flowing is None else self.flowing * held_a
@@ -127,7 +128,7 @@ class Record(Brief):
         return np.concatenate([np.zeros(1), np.cumsum(self.moved_ah)])
 
     @property
-    def moved_ah(self) -> Float[np.ndarray, "intervals"]:
+    def moved_ah(self) -> Intervals:
         """Ampere-hours that came out in each interval."""
         moved_ah = self.interval_current_a * self.interval_s / 3600
         return moved_ah if self.skipped_ah is None else moved_ah + self.skipped_ah
@@ -182,9 +183,7 @@ class Record(Brief):
         return self._segments.setdefault(rest_a, Segments(self, rest_a))
 
 
-def held(
-    hold: str, begun: Float[np.ndarray, "intervals"], ended: Float[np.ndarray, "intervals"]
-) -> Float[np.ndarray, "intervals"]:
+def held(hold: str, begun: Intervals, ended: Intervals) -> Intervals:
     """The mean of each interval by a hold, of what it begins and what it ends with."""
     if hold == "centered":
         return EARLIER_SHARE * begun + (1 - EARLIER_SHARE) * ended

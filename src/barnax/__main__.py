@@ -72,7 +72,7 @@ def _complain(text: str) -> None:
 
     from .errors import printable
 
-    console = Console(stderr=True, highlight=False, soft_wrap=True)
+    console = Console(stderr=True, highlight=False, soft_wrap=True, emoji=False)
     lines = [escape(printable(line)) for line in text.split("\n")]
     console.print("[bold red]error:[/bold red]", "\n".join(lines))
 

@@ -15,6 +15,7 @@ import polars as pl
 import pytest
 
 from barnax import inputs
+from barnax.__main__ import _complain
 from barnax.bundled import BUNDLED
 from barnax.plan import looking
 from helpers.golden import GOLDEN, RESULT, require_golden, without_blanks
@@ -202,3 +203,8 @@ def test_a_platform_that_is_not_there_is_one_line_with_the_remedy(tmp_path, word
     assert last.startswith(f"error: JAX_PLATFORMS={platform}: JAX cannot compute there")
     assert "unset JAX_PLATFORMS" in last
     assert (done.returncode, done.stderr.count("\n")) == (2, len(words))
+
+
+def test_a_name_between_colons_is_printed_as_it_stands(capsys):
+    _complain("give `columns='time=Zeit:x:s'`")
+    assert "Zeit:x:s" in capsys.readouterr().err

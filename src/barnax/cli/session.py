@@ -72,8 +72,8 @@ class Session:
 
     def __init__(self, is_quiet: bool):
         self._is_quiet = is_quiet
-        self._console = Console(highlight=False)
-        self._notes = Console(stderr=True, highlight=False)
+        self._console = Console(highlight=False, emoji=False)
+        self._notes = Console(stderr=True, highlight=False, emoji=False)
         # Of every stage so far.
         self.seconds: dict[str, float] = {}
         self._started = time.perf_counter()

@@ -286,6 +286,30 @@ def test_thousands_are_told_from_decimals(tmp_path, mark):
     np.testing.assert_allclose(record.voltage_v, 3.7)
 
 
+def test_a_cell_that_is_no_number_leaves_the_thousands_of_its_column(tmp_path):
+    rows = [f'{k}.5,1.5,"3,6{k:02}"' for k in range(20)]
+    rows[7] = "7.5,1.5,---"
+    (tmp_path / "cell.csv").write_text("\n".join(["Time / s,Current / A,Voltage / mV", *rows]))
+    errors = [one for one in check_file(tmp_path / "cell.csv").findings if one.severity == "error"]
+    assert [(one.code, one.row) for one in errors] == [("cells.no-number", 9)]
+
+
+def test_a_number_that_is_too_large_is_not_called_a_fraction(tmp_path):
+    table = FRAME.with_columns(pl.lit(25.0).alias("Temperature [degC]"))
+    table[7, "Temperature [degC]"] = 1e30
+    table.write_csv(tmp_path / "cell.csv")
+    (finding,) = check_file(tmp_path / "cell.csv").findings
+    assert (finding.code, finding.row) == ("cells.left-out", 9)
+    assert "1e+30 stands under 'Temperature [degC]', where a number below 1e+20" in str(finding)
+
+
+def test_signals_in_rows_of_their_own_are_the_first_finding(tmp_path):
+    rows = [f"{k},{'' if k % 2 else 1.5},{3.7 if k % 2 else ''}" for k in range(40)]
+    (tmp_path / "cell.csv").write_text("\n".join(["Zeit,Current / A,Voltage / V", *rows]))
+    codes = [one.code for one in check_file(tmp_path / "cell.csv").findings]
+    assert (codes[0], "columns.missing" in codes) == ("cells.apart", True)
+
+
 UNITS = {
     "s": 1, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60, "h": 3600, "A": 1, "mA": 1e-3,
     "uA": 1e-6, "V": 1, "mV": 1e-3,

@@ -121,7 +121,9 @@ def settled(columns: Sequence[pl.Series]) -> tuple[pl.Series, ...]:
         if first.dtype == pl.String and first.str.contains(_SPELLS_NUMBER).any():
             plain = _plain(column, has_points)
             is_whole = plain.null_count() == column.null_count() and plain.is_finite().all()
-            column = plain if is_whole else column
+            # Read again without the other columns, what has a comma would be another number.
+            is_read = (plain.is_finite() & column.str.contains(",", literal=True)).fill_null(False)
+            column = plain if is_whole else plain.cast(pl.String).zip_with(is_read, column)
         numeric.append(column)
     return tuple(numeric)
 

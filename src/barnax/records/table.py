@@ -277,8 +277,8 @@ def examine_cells(lines: Lines) -> Lines:
         both = int(np.sum(has_current & has_voltage))
         if both < _COMMON * min(has_current.sum(), has_voltage.sum()):
             names = {name: lines.header(name) for name in ("current", "voltage")}
-            apart = notice_at(lines, has_voltage, "cells.apart", **names, rows=both)
-            # Before all else, for nothing can be told of such rows.
+            apart = Notice("cells.apart", {**names, "rows": both})
+            # Before all else, for nothing can be told of such rows; of all of them, it has no row.
             return replace(lines.keep(is_unread), findings=(apart, *lines.findings))
     for is_none, code, given in _no_samples(lines):
         if (is_none & is_good).any():
@@ -301,7 +301,8 @@ def examine_cells(lines: Lines) -> Lines:
         # A clock of dates or of steps may have to tell the time.
         if name not in NEEDED:
             is_coded = name == "state" and not isinstance(cell, str)
-            reason = "codes" if is_coded else "fractions" if np.isfinite(value) else "cells"
+            is_number = np.abs(value) <= LARGEST_NUMBER
+            reason = "codes" if is_coded else "fractions" if is_number else "cells"
             lines = lines.without(name).telling(first, "cells.left-out", **given, reason=reason)
             continue
         unit = column.unit.symbol if bad.sum() == is_good.sum() else None

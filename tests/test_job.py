@@ -60,6 +60,11 @@ def test_a_value_that_is_no_choice_is_refused_with_those_there_are(options):
         Job(**options)
 
 
+def test_a_choice_with_a_comma_is_quoted_among_the_others():
+    with pytest.raises(InputError, match=r"there are soc, 'soc,temperature'$"):
+        Job(over="temperature")
+
+
 def test_a_value_that_is_no_number_is_refused_with_its_option_and_what_to_give():
     for option, value, kind in (("capacity", "x", "number"), ("seeds", 1.5, "whole number")):
         with pytest.raises(InputError, match=f"`{option}` {value!r} is not a {kind}; give one"):

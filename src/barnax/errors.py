@@ -68,7 +68,7 @@ def require_choice(option: str, value: object, choices: Iterable[str | None]) ->
     """
     allowed = tuple(choices)
     if value not in allowed:
-        names = ", ".join(filter(None, allowed))
+        names = ", ".join(repr(one) if "," in one else one for one in allowed if one)
         raise InputError(f"`{option}` {value!r} is not known; there are {names}")
 
 

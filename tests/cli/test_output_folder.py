@@ -92,6 +92,15 @@ def test_factors_are_not_fitted_where_a_users_table_is_in_the_way(refuse, tmp_pa
     assert "mine: holds 'tables.csv', which barnax did not write" in said
 
 
+def test_tables_of_factors_are_replaced_only_as_they_were_written(tmp_path):
+    folder = write_folder(tmp_path / "out", {"tables.csv": b"old"}, False)
+    require_free(folder, True)
+    assert write_folder(folder, {"tables.csv": b"new"}, True) == folder
+    (folder / "tables.csv").write_bytes(b"edited")
+    with pytest.raises(InputError, match=r"'tables.csv' was changed since barnax wrote it"):
+        require_free(folder, True)
+
+
 def test_tables_of_factors_whose_folder_was_taken_meanwhile_say_where_they_are(
     run, tmp_path, monkeypatch, bundled_record, bundled_cell
 ):

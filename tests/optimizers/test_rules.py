@@ -14,12 +14,15 @@ from barnax.optimizers import (
     Box,
     CoevolvingSwarm,
     Ecosystem,
+    GreyWolf,
     ImprovedGreyWolf,
     MixedSwarm,
     ParticleSwarm,
     SailfishSearch,
+    SeagullSearch,
     SunflowerSearch,
     Swarm,
+    WhaleSearch,
 )
 from barnax.optimizers.leaders import (
     learn_from_neighbors,
@@ -268,3 +271,23 @@ def test_a_sailfish_takes_the_place_of_a_fitter_sardine():
     np.testing.assert_array_equal(after.losses, [1, 6, 4, 4, 7, 9])
     np.testing.assert_array_equal(after.positions[:, 0], [2, 2, 3, 3, 2, 2])
     assert after.memory.losses == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("default", "option"),
+    [
+        (GreyWolf(), GreyWolf(demote_leaders=True)),
+        (WhaleSearch(), WhaleSearch(one_random_whale=True)),
+        (SeagullSearch(), SeagullSearch(spiral_attack=True)),
+    ],
+    ids=lambda solver: type(solver).__name__,
+)
+def test_each_documented_option_changes_a_generation(default, option):
+    swarms = []
+    for solver in (default, option):
+        swarm, drawn = prepared(solver)
+        positions, memory = proposed(solver, drawn, swarm)
+        offspring = Swarm(positions, np.sum(positions, axis=1), memory)
+        swarms.append(survived(solver, swarm, offspring))
+    assert not eqx.tree_equal(*swarms)

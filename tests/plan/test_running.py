@@ -261,6 +261,7 @@ def test_a_file_of_the_name_that_is_not_the_planned_one_is_not_taken(tmp_path, m
         ("capacity = 'x'\n", "plan.toml: capacity is 'x'; give a valid number"),
         ("colour = 1\n", "'colour' is not a key of a plan"),
         ("command = 'fly'\n", "command is 'fly'; give 'identify' or 'hppc'"),
+        ("reasons = 3\n", "plan.toml: reasons is 3; give a table"),
         ("[[files]]\nrole = 'validation'\n", r"has no 'file'"),
         (
             "[[files]]\nfile = 'a'\nrole = 'other'\n",

@@ -374,7 +374,7 @@ def _read(shown: str, table: Mapping[str, Any], hints: Mapping[str, Any]) -> dic
             values[key] = kind.validate_json(json.dumps(value), strict=True)
         except ValidationError as problem:
             wanted = " or ".join(dict.fromkeys(one["msg"] for one in problem.errors()))
-            wanted = wanted.replace("Input should be ", "")
+            wanted = wanted.replace("Input should be ", "").replace("an object", "a table")
             raise InputError(f"{shown}: {key} is {value!r}; give {wanted}") from problem
         except TypeError as problem:
             raise InputError(f"{shown}: {key} is {value}, a date; put it in quotes") from problem

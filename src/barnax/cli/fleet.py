@@ -288,7 +288,8 @@ def life(given: LifeOptions, output: Output) -> None:
     run.show(shown(as_flags(line)) for line in reporting.life.life_lines(trends))
     run.deliver({"life.json": reporting.life.life_json(trends)}, files)
     names = ["report.html", "trends.parquet", "life.json"]
-    run.show_written(names, f"{len(pages)} pages in cells" if names[0] in run.written else "")
+    of_cells = f"{counted(len(pages), 'page')} in cells" if names[0] in run.written else ""
+    run.show_written(names, of_cells)
 
 
 def _pages(trends: "Life", cells: Iterable[str]) -> dict[str, bytes]:

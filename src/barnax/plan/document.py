@@ -184,7 +184,7 @@ _HEAD = (
     "It has the options of `barnax identify` by their names, and a table [[files]] for every file.",
     "The roles are identification, validation, OCV test and not used. Options of a record, such as",
     "start_time, initial_soc and score_to, stand above for all, or in a file's table for it alone.",
-    "Times are on the file's own clock. What kind and reason say is told again in results.",
+    "Times are on the file's own clock. The results repeat kind and reason.",
 )
 
 

@@ -30,6 +30,7 @@ from .over_soc.registration import rest_warnings
 from .over_soc.settings import TableSettings
 from .over_soc.temperature import group_by_temperature, require_temperatures
 from .plan import plan_given, plan_of, planned
+from .plan.document import GIVEN
 from .records import Record
 from .records.hold import sampled_as
 from .result_parts import InputPart
@@ -65,7 +66,11 @@ def identify(job: Job) -> Result:
     if plan is None:
         return _identified(job)
     result = _identified(planned(plan, job), plan.warnings)
-    return result.model_copy(update={"plan": plan.stored})
+    cell, reason = result.cell, plan.reasons.get("capacity", GIVEN)
+    if reason != GIVEN and not cell.is_of_records:
+        # Who reads the result gave none: the plan did.
+        cell = replace(cell, capacity_origin=reason)
+    return result.model_copy(update={"plan": plan.stored, "cell": cell})
 
 
 def _identified(job: Job, of_plan: Sequence[Notice] = ()) -> Result:

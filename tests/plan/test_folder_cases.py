@@ -249,3 +249,7 @@ def test_the_reason_of_an_assumed_capacity_is_what_the_ocv_test_passed(tmp_path)
     planned = plan(tmp_path, window=barnax.Window(initial_soc=0.9))
     why = "the Ah of the longest discharge, because the OCV test passed 2.25 and 1.5 Ah"
     assert planned.reasons["capacity"] == why
+    result = barnax.identify(
+        tmp_path, window=barnax.Window(initial_soc=0.9), model="1rc", seeds=0, trust="none"
+    )
+    assert result.cell.capacity_origin == why

@@ -379,10 +379,11 @@ class Window:
         if not is_temperature(self.temperature_degc or 0.0):
             given = f"`temperature` {self.temperature_degc:g}"
             raise InputError(f"{given} is no cell's in degC; subtract 273.15 from kelvin")
-        if self.score_soc is not None and not self.score_soc[0] < self.score_soc[1]:
+        ends = self.score_soc
+        if ends is not None and (len(ends) != 2 or not ends[0] < ends[1]):
+            given = ",".join(f"{end:g}" for end in ends)
             raise InputError(
-                f"`score_soc` {self.score_soc[0]:g},{self.score_soc[1]:g}: the lower end comes "
-                "first, as in 0.1,1"
+                f"`score_soc` {given}: the lower end comes first, then the upper one, as in 0.1,1"
             )
         from_s, to_s = self.score_from_s, self.score_to_s
         if from_s is not None and to_s is not None and to_s <= from_s:

@@ -108,6 +108,7 @@ def test_the_simulation_ends_with_the_last_scored_sample(bundled_cell):
         ({"capacity_ah": -2.0}, r"`capacity` -2.0 must be positive"),
         ({"score_soc": "0.2:0.8"}, "`score_soc` '0.2:0.8' is not as in 0.1,1"),
         ({"score_soc": (0.9, 0.1)}, r"`score_soc` 0.9,0.1: the lower end comes first"),
+        ({"score_soc": (0.1,)}, r"`score_soc` 0.1: the lower end comes first, then the upper"),
         (
             {"score_from_s": 20.0, "score_to_s": 10.0},
             r"`score_to` 10.0 s must come after `score_from` 20.0 s",

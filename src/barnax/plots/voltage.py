@@ -138,7 +138,7 @@ def plot_voltage(evaluations: "Evaluation | Mapping[str, Evaluation]") -> Figure
 
     Time is on the record's own clock, in seconds below two hours. Samples that do not count
     towards the metrics are shaded. At the right the framed stretch, magnified: the one with the
-    largest error of the lowest RMSE; records under 100 scored samples go without. Of more than
+    largest RMSE of the best row; records under 100 scored samples go without. Of more than
     eight rows the eight with the lowest RMSE are drawn, and the title says so. Many rows are as
     Fig. 10 and 12 of Li et al. (2023). Raises `ValueError` where they are on different samples.
 
@@ -182,7 +182,7 @@ def plot_voltage(evaluations: "Evaluation | Mapping[str, Evaluation]") -> Figure
         shade_unscored(axes, clock.time, prepared.scored)
     style.title(panels[0, 0], rows.title)
     if stretch is not None:
-        style.title(panels[0, 1], "largest error")
+        style.title(panels[0, 1], "largest RMSE")
         edges = clock.time[[stretch.start, stretch.stop - 1]]
         for left, right in panels:
             right.set_ylabel("")

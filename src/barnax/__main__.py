@@ -44,8 +44,9 @@ def main() -> None:
     # intervals and once more at the end, took a tenth of `barnax identify` on short records.
     gc.set_threshold(500_000, 20, 20)
     atexit.register(gc.freeze)
-    from .devices import prefer_cpu
+    from .devices import ONE_POOL, prefer_cpu, set_malloc
 
+    set_malloc(ONE_POOL)
     prefer_cpu()
     from .cli.app import app
     from .cli.session import as_flags

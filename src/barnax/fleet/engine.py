@@ -29,7 +29,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 from typing import Any
 
-from ..devices import keep_compiled, prefer_cpu
+from ..devices import ONE_POOL, keep_compiled, prefer_cpu, set_malloc
 from ..errors import InputError, installing
 from ..files import is_factor_file, located, undisturbed
 from ..records import read_record
@@ -61,7 +61,7 @@ QUIET_DASK = {
 }
 # glibc gives freed memory back to the system at once above these sizes, and takes it again for the
 # next cell: with Dask's own setting that took two fifths of all CPU time.
-MALLOC_OPTIONS = {-1: 1 << 29, -3: 1 << 29}  # M_TRIM_THRESHOLD, M_MMAP_THRESHOLD
+KEEP_FREED = {-1: 1 << 29, -3: 1 << 29}  # M_TRIM_THRESHOLD, M_MMAP_THRESHOLD
 # One program at a time, on one thread: cores are shared among processes. The bits are the same.
 XLA_FLAGS = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
 # How many threads XLA keeps for itself; with one a core, they wake each other all the time.
@@ -195,12 +195,7 @@ def prepare_process() -> None:
     """Set a process up for many cells, before JAX is loaded where it is not yet."""
     # As in `barnax` itself: modules and traced programs are many objects and no garbage.
     gc.set_threshold(50_000, 20, 20)
-    if sys.platform == "linux":
-        import ctypes
-
-        mallopt: Any = getattr(ctypes.CDLL(None), "mallopt", None)
-        for option, size in MALLOC_OPTIONS.items() if mallopt else ():
-            mallopt(option, size)
+    set_malloc(ONE_POOL | KEEP_FREED)
     prefer_cpu()
     if "jax" not in sys.modules:
         # Once: a process inherits them, and another text is another key in the cache.

@@ -140,6 +140,7 @@ def test_the_record_as_a_whole_tells_the_sign_where_rows_are_late_and_uneven(tmp
 
 
 SAYING = {
+    "Current (charge positive) [A]": "charge-positive",
     "Current (A), discharge positive": "discharge-positive",
     "Current [mA] (+ = charge)": "charge-positive",
     "current_a_discharge_negative": "charge-positive",

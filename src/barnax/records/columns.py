@@ -24,10 +24,11 @@ _UNIT = re.compile(
 )
 # "h:min:s.ms", "h min s.ms", "Hours in hh:mm:ss.xxx", "mm:ss" and "ss.xxx" are forms of seconds.
 _CLOCK_FORM = re.compile(r".*\bh+[: ]m.*|m+:s.*|s+\.x+")
-# Which sign of the current discharges: "Current (A), discharge positive", "I [A] (+ = charge)".
+# Which sign of the current discharges: "Current (A), discharge positive",
+# "I [A] (+ = charge)", "Current (charge positive) [A]".
 _SIGN = re.compile(
     r"(?<=.)[ ,;:(\[]+((dis)?charg(e|ing)\W*(is )?(pos(itive)?|neg(ative)?|\+)"
-    r"|(pos(itive)?|neg(ative)?|\+)\W*(is |on |for )?(dis)?charg(e|ing))[)\]]*$"
+    r"|(pos(itive)?|neg(ative)?|\+)\W*(is |on |for )?(dis)?charg(e|ing))[)\]]*(?=\s*[/\[(]|$)"
 )
 # What the variables of scripts have behind a quantity: "t_data", "V_meas", "tvec".
 _VARIABLE = re.compile(r"(?<=\w)( ?(data|vec|vector)| (meas|exp|array|values?))(?= ?[\[(/]|$)")

@@ -26,6 +26,7 @@ REST = 40
 PROGRAM = """\
 #include <stdio.h>
 #include <stdlib.h>
+#include "barnax_cell.h"
 #include "barnax_filter.h"
 int main(int count, char **given)
 {
@@ -61,6 +62,9 @@ def in_c(tmp_path_factory):
     def program_of(circuit, with_tables, precision):
         options = ("-std=c99", f"-DBARNAX_REAL={precision}")
         folder, result = tmp_path_factory.mktemp("filter"), result_of(circuit, with_tables)
+        # The other header of the same cell stands beside it.
+        cell_header = EXPORTERS["c-header"].write(result).content
+        (folder / "barnax_cell.h").write_bytes(cell_header)
         return compiled(folder, EXPORTERS["c-filter"], result, PROGRAM, *options)
 
     def run(circuit, with_tables, precision, direction, drive, soc=0.7):
@@ -138,7 +142,7 @@ int main(void)
     barnax_filter_start(&f, (barnax_real)0.7, (barnax_real)0.1, 0);
     barnax_filter_step(&f, 0, 0, 0, (barnax_real)3.7);
     while (fread(&soc, sizeof(double), 1, stdin) == 1) {
-        barnax_branches(soc, &out[0], &out[1]);
+        barnax_filter_branches(soc, &out[0], &out[1]);
         fwrite(out, sizeof(double), 2, stdout);
     }
     return 0;

@@ -148,8 +148,10 @@ def _of_bulk(samples: Samples, bulk_s: float, travel_v: float) -> Witness:
     is_steep = samples.middle_v < _STEEP_BELOW_V or shown_v < 2 * _TRAVEL_V
     least_s = (_STEEP_S if is_steep else _SHORT_S) * shown_v / travel_v
     least_s = least_s if shown_v >= _TRAVEL_V else 0.0
-    size = "high" if bulk_s > _BULK_S else "low"
-    words = f"the resistance would be so {size} that all charge could pass in {bulk_s:.3g} s"
+    size, shown = (
+        ("high", f"{bulk_s / 3600:,.3g} h") if bulk_s > _BULK_S else ("low", f"{bulk_s:.3g} s")
+    )
+    words = f"the resistance would be so {size} that all charge could pass in {shown}"
 
     def is_cells(time_s: float) -> bool:
         is_fine = samples.apart_s * time_s / bulk_s < _SLOW_S

@@ -65,6 +65,21 @@ def test_between_branches_lies_what_was_measured_unless_they_are_polynomials():
     np.testing.assert_allclose(both.at(12.5).branch_gap_v(soc), fitted.hysteresis_v(soc), atol=1e-9)
 
 
+def test_between_temperatures_the_measured_points_are_those_of_the_nearer_test():
+    cold, warm = (
+        replace(characterize([OcvTable(name, branches, "")], capacity_ah=ah), temperature_degc=degc)
+        for name, low, ah, degc in (("cold", 0.1, 1.8, 0.0), ("warm", 0.0, 2.0, 25.0))
+        for soc in [np.linspace(low, 1.0, 41)]
+        for branches in [{0: tuple(OcvPoint(x, 3 + x, name, 1, 3600.0) for x in soc.tolist())}]
+    )
+    cell = replace(cold, elsewhere=(warm,))
+    for degc, low in ((10.0, 0.1), (15.0, 0.0)):
+        between = cell.at(degc)
+        assert between.temperature_degc == pytest.approx(degc)
+        assert between.capacity_ah == pytest.approx(1.8 + 0.2 * degc / 25)
+        assert between.soc_range == (low, 1.0)
+
+
 def test_two_files_in_any_order_give_the_same_as_one():
     one = characterize([both_ways()], ocv_fit="interpolated")
     for records in ([discharge_only(), charge_only()], [charge_only(), discharge_only()]):

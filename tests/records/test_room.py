@@ -113,7 +113,9 @@ def test_what_takes_too_much_in_a_library_is_refused_before_it_does(tmp_path, mo
 
 
 def test_a_cell_apart_within_the_limit_is_read(tmp_path):
-    assert "row 60: nothing stands under" in refusal(tmp_path, with_cell("F60"), "cell.xlsx")
+    assert "row 60: 'Test Time / s' contains nothing" in refusal(
+        tmp_path, with_cell("F60"), "cell.xlsx"
+    )
 
 
 def test_a_line_of_a_million_letters_is_no_row(tmp_path):

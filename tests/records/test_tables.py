@@ -300,7 +300,7 @@ def test_a_number_that_is_too_large_is_not_called_a_fraction(tmp_path):
     table.write_csv(tmp_path / "cell.csv")
     (finding,) = check_file(tmp_path / "cell.csv").findings
     assert (finding.code, finding.row) == ("cells.left-out", 9)
-    assert "1e+30 stands under 'Temperature [degC]', where a number below 1e+20" in str(finding)
+    assert "'Temperature [degC]' contains 1e+30, where a number below 1e+20" in str(finding)
 
 
 def test_signals_in_rows_of_their_own_are_the_first_finding(tmp_path):

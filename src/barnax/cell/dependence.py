@@ -139,7 +139,7 @@ def between(
 
 # What a lithium-ion cell's resistances usually have, of 20 to 50 kJ/mol.
 USUAL_ACTIVATION_J_PER_MOL, GAS_J_PER_MOL_K = 35e3, 8.314
-# In which a cell's temperature follows its losses, of 10 minutes to 2 hours.
+# The time in which a cell's temperature follows its losses: typically 10 minutes to 2 hours.
 USUAL_HEATING_S = 1800.0
 
 

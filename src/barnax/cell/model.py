@@ -21,7 +21,7 @@ FLAT = 0.08
 SLOPES = 1000
 # Points of an OCV curve between two measured temperatures, beside those that were measured.
 MIXED_POINTS = 501
-# What was measured within this is of one temperature.
+# Measurements this close count as one temperature.
 SAME_DEGC = 5.0
 NEAR_DEGC = SAME_DEGC / 2
 # Where one temperature stands for all, it is that nearest to this.
@@ -217,7 +217,8 @@ class CellModel(Brief):
 
 
 def _between(cold: CellModel, warm: CellModel, share: float) -> CellModel:
-    """The cell at a temperature that lies this share of the way from one to another."""
+    """The cell at a temperature that lies this share of the way from one to another, with the
+    measured points of the nearer one."""
 
     def mixed(first: Curve, second: Curve) -> Curve:
         if isinstance(first, PolynomialCurve) and isinstance(second, PolynomialCurve):
@@ -232,8 +233,10 @@ def _between(cold: CellModel, warm: CellModel, share: float) -> CellModel:
 
     cold_v, warm_v = (np.array(cell.hysteresis.ends_v) for cell in (cold, warm))
     ends_v = (1 - share) * cold_v + share * warm_v
+    degc = (1 - share) * (cold.temperature_degc or 0.0) + share * (warm.temperature_degc or 0.0)
     return replace(
-        cold,
+        cold if share < 0.5 else warm,
+        temperature_degc=degc,
         capacity_ah=(1 - share) * cold.capacity_ah + share * warm.capacity_ah,
         charge=mixed(cold.charge, warm.charge),
         discharge=mixed(cold.discharge, warm.discharge),

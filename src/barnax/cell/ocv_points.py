@@ -262,7 +262,7 @@ def _thin(record: Record, axis_ah: Charge, first: int, last: int, begin: int, en
 _SOC_RANGE, _PERCENT_FROM = (-0.1, 1.1), 1.5
 
 
-# Of a voltage that was not measured in one direction only.
+# The direction of a table with a single column of voltage.
 EITHER = 0
 _DIRECTIONS = {"discharge OCV": DISCHARGE, "charge OCV": CHARGE, "OCV": EITHER}
 

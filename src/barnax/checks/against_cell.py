@@ -19,8 +19,8 @@ _UNITS = {60.0: "minutes", 3600.0: "hours", 1e-3: "milli", 1e3: "small"}
 _CAPACITIES = np.geomspace(0.25, 4, 49)
 # What a current that is measured over a wrong range does too, unless the tester counts it.
 _RANGES, _NEAR = {2.0: "half", 0.5: "twice"}, 0.03
-# What most of the voltage must leave the OCV by before anything is said of it, and what share of
-# that must vanish with another charge; and what no unit explains.
+# The smallest distance of most voltages from the OCV that is reported, the share of it that another
+# charge must remove, and a distance that no unit explains.
 _APART_V, _VANISHES, _ELSEWHERE_V = 0.03, 0.5, 0.15
 _LEFT, _FAR_V = 0.2, 0.25
 _MOST = 0.75

@@ -117,7 +117,8 @@ def find_closure(given: CheckInput) -> Iterator[Notice]:
 # A rest is looked for where a current below C/20 and a fair part of the peak is steady for so many
 # samples.
 _LOAD_HOURS, _SMALL_SHARE, _FEWEST = 20.0, 0.15, 5
-# Rests of a minute are rests; by time, so much of them must have the offset, and so little none.
+# The shortest rest, and the share of the time at rest that must have the offset, and that may have
+# none.
 _LONG_S, _MOST, _FEW = 60.0, 0.5, 0.05
 # An offset is more than one step of the reading, and more than noise makes.
 _OFFSET_QUANTA, _SIGMAS = 1.5, 5.0

@@ -22,7 +22,7 @@ from . import channels, charge, sampling
 from .roles import Role, find_fall, find_roles, roles_of_table
 from .traits import Check, CheckInput, Traits, traits_of
 
-# The registry of checks on a record, in the order in which they are told.
+# The registry of checks on a record, in reporting order.
 CHECKS: Mapping[str, Check] = {
     "gaps": sampling.find_gaps,
     "skipped": sampling.find_skipped,

@@ -29,7 +29,7 @@ _BACK_SHARE = 0.1
 # From this interval on, part of a sample may be a pair, or a load that changes between rows.
 _ALIKE_S = 0.5
 
-# What makes R0 wrong, and an OCV no worse.
+# Findings that bias R0, but not the OCV.
 OF_R0 = frozenset({"late-voltage.step", "smoothed-current.back"})
 
 

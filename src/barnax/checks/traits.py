@@ -242,7 +242,7 @@ class Traits:
         return ""
 
 
-# Those of what is no record.
+# The traits of a file that is no record.
 NO_TRAITS = Traits()
 
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 # Problems of a manifest that a dry run lists one by one.
 MAX_LISTED = 50
-# Odd cells have a page each, of many the oddest.
+# Odd cells have a page each; of many, the most extreme come first.
 MOST_PAGES = 20
 
 

@@ -55,7 +55,7 @@ UNKNOWN, UNKNOWN_OCV_V = 2.0, {"nmc": 0.05, "lfp": 0.03}
 # correlated over 10, 200 and 1000 s. Shares of the RMSE, and the RMSE where none is known.
 SHAPE = ((0.0, 0.4), (10.0, 0.65), (200.0, 0.7), (1000.0, 0.5))
 TYPICAL_V = 5e-3
-# Of the RMSE, what is not due to what the circuit leaves out.
+# The share of the RMSE that is not caused by effects outside the circuit.
 REST = 0.6
 # At a SOC where both are known, no cell's OCV is farther from the typical one of its chemistry.
 COMPARED_FROM_SOC, MOST_APART_V = 0.15, 0.2

@@ -98,7 +98,7 @@ class Believed:
         beyond: What these reach over: both samplings of the current ("hold"), a hidden "pair".
         follows: What the resistances follow beside SOC, which a design leaves out.
         ocv_reach_v: How far the OCV may be from the cell's.
-        given_soc: From where to where the OCV is told.
+        ocv_soc: The range of SOC that the OCV is measured on.
         typical: The chemistry whose OCV goes on beyond, up to `typical_reach_v` farther off.
         start_v: The OCV that brings a cell to the highest SOC where nothing shows what is full.
         start_reach_soc: How far off that may be.

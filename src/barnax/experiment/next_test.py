@@ -108,7 +108,7 @@ def design(
         max_discharge: Largest discharge in 1/h of the capacity, or pairs of state of charge and
             rate; by default 1, with a result what its records reached.
         max_charge: Largest charge, likewise; by default 0.5, or half the largest discharge.
-        max_warming: By how many K at most the worst case may warm the cell, in moving air.
+        max_warming: Largest rise of the temperature in K in the worst case, in moving air.
         temperature: Temperature of the test in degC, for a result over temperature.
         blocks: What it is composed of beside moves and rests; by default `candidate_blocks`.
         criterion: What is lowered, a function of the widths over the wanted ones; the error on the

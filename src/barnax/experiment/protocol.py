@@ -188,7 +188,7 @@ def bends(voltages_v: np.ndarray, start: int, last: int) -> list[int]:
 
 
 def warming_of(believed: Believed, current_a: Samples, voltage_v: Samples, soc: Samples) -> float:
-    """By how many K at most a cell warms, of which that voltage is believed."""
+    """The largest predicted rise of the temperature in K, by that prior of the voltage."""
     heat_w = current_a * (believed.ocv_v(soc) - voltage_v)
     capacity_ah = believed.cell.capacity_ah
     times = (capacity_ah / WARMING_AH) ** (1 / 3)

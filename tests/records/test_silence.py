@@ -91,7 +91,7 @@ def test_a_current_that_is_empty_under_load_is_refused():
     time_s, current_a, voltage_v = drive(rests=3, resting_s=(1, 3))
     is_full = pl.when((pl.col("Time [s]") % 2000).is_between(1000, 1100).not_())
     rows = table(time_s, current_a, voltage_v)
-    with pytest.raises(InputError, match="'Current.*' contains nothing"):
+    with pytest.raises(InputError, match=r"'Current.*' contains nothing"):
         record_from_frame(rows.with_columns(is_full.then(pl.col("Current [A]"))))
 
 

@@ -84,7 +84,7 @@ def test_hours_and_minutes_or_minutes_and_seconds_are_no_clock(tmp_path):
 
 @pytest.mark.parametrize("form", ["%Y%m%d%H%M%S", "%Y%m%d %H%M%S"])
 def test_a_date_in_digits_alone_is_no_number_of_seconds(form):
-    with pytest.raises(InputError, match="'Date' contains .*, where a number is needed"):
+    with pytest.raises(InputError, match=r"'Date' contains .*, where a number is needed"):
         time_of("Date", [date(form)(97 * k) for k in range(160)])
 
 

@@ -11,10 +11,9 @@ longest counts, and none is correlated with another.
 A fit follows slow noise and so leaves too little of it in its residuals. This is undone: what is
 fitted is not each part's autocovariance but what is expected of it after the projection
 I - Q Q' onto the residuals (to first order in the parameters). Long correlations are otherwise
-understated, by a quarter and more where they reach a tenth of the record. Where the fit
-has followed a part almost wholly, the residuals cannot determine its size: it is shrunk toward
-zero, as by a prior whose deviation is `LARGEST_PART` times the residuals' variance (Hoerl and
-Kennard, 1970).
+understated, by a quarter and more where they reach a tenth of the record. The size of a
+part that the fit has followed almost wholly is not determined: it is shrunk toward zero, as by a
+prior whose deviation is `LARGEST_PART` times the residuals' variance (Hoerl and Kennard, 1970).
 """
 
 import math

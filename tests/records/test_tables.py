@@ -230,7 +230,7 @@ REFUSED = {
     ),
     "signals in rows of their own": (
         APART.sort(TIME),
-        f"'{VOLTAGE}' and '{CURRENT}' stand together in no row; join them by time",
+        f"'{VOLTAGE}' and '{CURRENT}' have values together in no row; join them by time",
     ),
     "open leads in mV": (
         FRAME.with_columns(pl.lit(0.2).alias(VOLTAGE)).rename({VOLTAGE: "Voltage(mV)"}),

@@ -8,9 +8,6 @@ import polars as pl
 import pytest
 
 from barnax import identify
-from barnax.checks import check_file
-from barnax.checks.roles import require_load
-from barnax.errors import InputError
 from barnax.model.window import Window
 from barnax.over_soc.fit import _bound_warning
 from barnax.over_soc.intervals import _held_level
@@ -21,6 +18,7 @@ from helpers.shared import CASES, SHARED, needs_cases, needs_data
 
 CELLS = CASES / "cells"
 QUICK: dict[str, Any] = {"seeds": 0, "model": "1rc"}
+RESISTANCES = {"R0 [Ohm]": 0.030, "R1 [Ohm]": 0.020}
 
 
 def unfit(result):
@@ -28,12 +26,8 @@ def unfit(result):
 
 
 def interval(result, name):
-    (own,) = [
-        each for each in result.constant.assessment.uncertainty.estimates if each.name == name
-    ]
-    assert own.low is not None, name
-    assert own.high is not None, name
-    return own.low, own.high
+    estimate = result.constant.assessment.uncertainty[name]
+    return estimate.low, estimate.high
 
 
 @pytest.mark.parametrize(
@@ -49,35 +43,28 @@ def test_the_bound_of_a_time_constant_is_in_seconds(bound, values, said):
     assert said in notice.what
 
 
-@needs_cases
-@pytest.mark.slow
-def test_a_single_resistor_is_answered_by_its_ocv():
-    folder = CELLS / "07_single_resistor"
-    window = Window(initial_soc=0.0)
-    found = identify(
-        folder / "raw_data.parquet", ocv=folder / "ocv.csv", capacity=1.0, window=window, **QUICK
-    )
-    assert found.constant.parameters.tables["R0 [Ohm]"][0] == pytest.approx(0.1, rel=0.02)
-    assert not unfit(found)
+COLUMNS = "current=It:A,voltage=Experimental_Voltage(v):V,time=Experimental_Time(s):s"
 
 
 @needs_cases
 @pytest.mark.slow
-def test_a_discharge_at_one_current_is_answered_by_its_ocv():
-    folder = CELLS / "08_cc_known_ocv"
-    columns = "current=It:A,voltage=Experimental_Voltage(v):V,time=Experimental_Time(s):s"
-    found = identify(
-        folder / "Data.xlsx",
-        columns=columns,
-        ocv=folder / "ocv.csv",
-        capacity=2.5,
-        window=Window(initial_soc=1.0),
-        **QUICK,
-    )
-    for name, ohm in (("R0 [Ohm]", 0.030), ("R1 [Ohm]", 0.020)):
-        low, high = interval(found, name)
-        assert low < ohm < high
-    assert not unfit(found)
+@pytest.mark.parametrize(
+    ("record", "options", "soc", "ohm"),
+    [
+        ("07_single_resistor/raw_data.parquet", {"capacity": 1.0}, 0.0, {}),
+        ("08_cc_known_ocv/Data.xlsx", {"capacity": 2.5, "columns": COLUMNS}, 1.0, RESISTANCES),
+    ],
+)
+def test_a_load_without_steps_is_answered_by_its_ocv(record, options, soc, ohm):
+    path, window = CELLS / record, Window(initial_soc=soc)
+    identified = identify(path, ocv=path.parent / "ocv.csv", window=window, **options, **QUICK)
+    if not ohm:
+        r0_ohm = identified.constant.parameters.tables["R0 [Ohm]"][0]
+        assert r0_ohm == pytest.approx(0.1, rel=0.02)
+    for name, value in ohm.items():
+        low, high = interval(identified, name)
+        assert low < value < high
+    assert not unfit(identified)
 
 
 @pytest.fixture(scope="module")
@@ -118,15 +105,6 @@ def test_a_charge_with_one_pause_is_answered_by_its_ocv(charged):
         assert low < ohm < high
         assert high < 1.2 * low
     assert not unfit(found)
-
-
-def test_a_charge_alone_without_an_ocv_test_is_refused(charged):
-    traits = check_file(charged / "charge.csv", current_sign="charge-positive").traits
-    assert traits is not None
-    assert traits.kind(2.0) == "charge"
-    with pytest.raises(InputError, match="only charges"):
-        require_load({"charge.csv": traits.kind(2.0)})
-    assert require_load({"charge.csv": traits.kind(2.0, has_test=True)}) is None
 
 
 CALCE = SHARED / "calce-inr18650-20r"

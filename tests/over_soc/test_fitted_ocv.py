@@ -19,7 +19,6 @@ from barnax.over_soc.fit import pooled_errors
 from barnax.over_soc.settings import TableSettings
 from barnax.records import read_record
 from barnax.records.record import in_means
-from barnax.reporting.identification import identification_document
 from barnax.settings import NODES
 from helpers.known_cell import FEW_NODES, R0_OHM, R_OHM, SMALL, TAU_S, cell_with_ocv, made, ocv_v
 from helpers.own_ocv import fit_with_ocv
@@ -31,49 +30,30 @@ FROM_FULL = Window(initial_soc=1.0, capacity_ah=2.0)
 FAST = {"seeds": 0, "trust": "none", "max_boxes": 0}
 
 
-@pytest.mark.parametrize(
-    ("count", "rising", "root_mv", "errors_mv"),
-    [
-        pytest.param(1, False, 6.164, [5.44, 1.35, 24.54, 5.26], marks=pytest.mark.slow),
-        pytest.param(1, True, 6.398, [5.83, 1.36, 24.63, 5.28], marks=pytest.mark.slow),
-        pytest.param(2, False, 9.300, [8.97, 2.73, 8.60, 2.92], marks=pytest.mark.slow),
-        (2, True, 9.555, [9.60, 2.72, 8.91, 2.93]),
-    ],
-)
-def test_given_time_constants_give_the_accepted_errors(
-    real_data, count, rising, root_mv, errors_mv
-):
+def test_given_time_constants_give_the_accepted_errors(real_data):
     folder = real_data / "calce-inr18650-20r"
     names = ("dst_25degC_80soc", "us06_25degC_80soc")
     records = [read_record(folder / f"{name}_SP20-2.parquet") for name in names]
     profile = Window(start_after_step=3, initial_soc=1.0, score_steps=(7, 8), capacity_ah=2.0)
     windows = {each.name: profile for each in records}
-    settings = replace(
-        QUICK, nodes=NODES, fixed=GIVEN, rising_ocv=rising, ocv_nodes=NODES, keep_starts=True
-    )
-    own = fit_with_ocv(records[:count], "so-rc", windows, settings)
-    assert 1e3 * own.fit.objective_v == pytest.approx(root_mv, rel=1e-3)
-    if not rising:
-        return
+    settings = replace(QUICK, nodes=NODES, fixed=GIVEN, ocv_nodes=NODES, keep_starts=True)
+    fitted = fit_with_ocv(records, "so-rc", windows, settings)
+    assert 1e3 * fitted.fit.objective_v == pytest.approx(9.555, rel=1e-3)
     # The cubic through the nodes is no straight line between them.
-    for record, whole, above in zip(records, errors_mv[::2], errors_mv[1::2], strict=True):
-        errors = pooled_errors([prepare_record(record, own.cell, "so-rc", profile)], own.fit.tables)
-        assert 1e3 * errors.rmse_v == pytest.approx(whole, rel=0.05)
-        assert 1e3 * errors.above_v == pytest.approx(above, rel=0.05)
+    for record, errors_mv in zip(records, [(9.60, 2.72), (8.91, 2.93)], strict=True):
+        prepared = prepare_record(record, fitted.cell, "so-rc", profile)
+        errors = pooled_errors([prepared], fitted.fit.tables)
+        assert (1e3 * errors.rmse_v, 1e3 * errors.above_v) == pytest.approx(errors_mv, rel=0.05)
 
 
 @pytest.fixture(scope="module")
 def known():
     record, soc = made()
-    window = {record.name: FROM_FULL}
-    return (
-        record,
-        soc,
-        fit_with_ocv([record], "so-rc", window, replace(QUICK, max_boxes=TableSettings.max_boxes)),
-    )
+    settings = replace(QUICK, max_boxes=TableSettings.max_boxes)
+    return record, soc, fit_with_ocv([record], "so-rc", {record.name: FROM_FULL}, settings)
 
 
-def test_ocv_and_circuit_of_a_known_cell_are_found_and_proved(known):
+def test_ocv_and_circuit_of_a_known_cell_are_proved_and_within_their_intervals(known):
     _, soc, own = known
     assert own.fit.status == "certified"
     assert own.fit.tables.tau_s == pytest.approx(TAU_S, rel=0.05)
@@ -82,10 +62,6 @@ def test_ocv_and_circuit_of_a_known_cell_are_found_and_proved(known):
     assert own.fit.tables.at("R0 [Ohm]", inside) == pytest.approx(R0_OHM, rel=0.01)
     assert own.cell.is_of_records
     assert np.all(np.diff(own.cell.average_ocv_v(np.linspace(*own.cell.soc_range, 500))) >= 0)
-
-
-def test_intervals_of_ocv_and_r0_hold_the_truth(known):
-    _, _, own = known
     # The record is charged a little beyond where it started.
     nodes = [each for each in own.fit.intervals if each.name == OCV and each.soc > 0.23]
     assert len(nodes) > 30
@@ -289,24 +265,6 @@ def test_a_circuit_that_was_asked_for_without_the_hysteresis_shown_says_so(half_
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("noise_v", "start", "state"),
-    [(2e-3, 1.0, 1.0), (5e-4, 0.8, -1.0)],
-)
-def test_a_hysteresis_is_found_under_noise_and_from_the_other_direction(noise_v, start, state):
-    """Of errors that are mostly noise it lowers little; and a cell at rest may come from either
-    direction, which the fit tells."""
-    record, _ = hysteretic(0.01, 20.0, 9000, noise_v, start, state)
-    window = Window(initial_soc=start, capacity_ah=2.0)
-    result = barnax.identify(record, window=window, **FAST)
-    assert result.model == "esc"
-    (part,) = result.of_role("identification")
-    assert part.start.direction == state
-    r2_ohm = np.median(result.fit.tables.at("R2 [Ohm]", np.linspace(0.2, 0.7, 20)))
-    assert r2_ohm == pytest.approx(R_OHM[1], rel=0.05)
-
-
-@pytest.mark.slow
 def test_a_hysteresis_is_found_beside_a_third_pair():
     """Either alone imitates the other, and the slow resistances are 30 to 45 % too high."""
     r_ohm, tau_s = (0.010, 0.012, 0.014), (4.0, 40.0, 300.0)
@@ -410,25 +368,14 @@ def test_a_record_that_is_not_suitable_cannot_speak_against_its_ocv_test(tmp_pat
 
 @pytest.mark.slow
 def test_a_record_alone_is_identified_validated_and_stored(tmp_path):
-    result = barnax.identify(
-        BUNDLED.record,
-        validate=BUNDLED.validation,
-        model="so-rc",
-        over="soc",
-        seeds=0,
-        trust="none",
-        max_boxes=0,
-        resistances_follow="none",
-    )
-    assert result.tables is not None
+    options = {**SMALL, "validate": BUNDLED.validation, "resistances_follow": "none"}
+    result = barnax.identify(BUNDLED.record, **options)
     assert result.metrics.identification.rmse_v < 6.5e-3
     assert result.metrics.validation[0].rmse_v < 5.5e-3
     path = tmp_path / "result.json"
     path.write_text(result.to_json())
     again = barnax.Result.from_json(path)
     assert again.cell.is_of_records
-    simulated = again.simulate({"Time [s]": [0.0, 1.0, 2.0], "Current [A]": [0.0, 2.0, 2.0]})
-    assert simulated["Voltage [V]"][0] > simulated["Voltage [V]"][1]
     # The OCV is an answer too, with its intervals at nodes closer than those of the resistances.
     frame = again.to_frame().drop_nulls("OCV low [V]")
     nodes = [node for node in again.fit.of_table(OCV) if node.low is not None]
@@ -438,8 +385,6 @@ def test_a_record_alone_is_identified_validated_and_stored(tmp_path):
         again.cell.average_ocv_v(frame["SOC"].to_numpy()), abs=1e-9
     )
     assert not frame["R0 [Ohm]"].has_nulls()
-    (shown,) = [one for one in identification_document(again).sections if "OCV iden" in one.title]
-    assert len(shown.blocks[0].rows) == len(frame)
 
 
 @pytest.mark.slow
@@ -477,11 +422,9 @@ def narrow():
 def test_nodes_of_the_ocv_without_samples_are_told_where_resistances_have_one_value(narrow):
     result, soc = narrow
     (told,) = [one for one in result.warnings if one.code == "tables.mostly-unvisited"]
-    assert "% of the OCV's nodes have no sample near them" in str(told)
     nodes = result.tables.settings.ocv_nodes
     seen = [node.soc for node in result.fit.of_table(OCV)]
     assert told.values["share"] == pytest.approx(1 - len(seen) / len(nodes))
-    assert f"from {100 * min(seen):.0f} % to 100 % SOC only, or add a record" in str(told)
     (caveat,) = [text for text in tables_of(result).caveats if "No sample is near SOC" in text]
     last = float(caveat.partition("SOC 0 to ")[2].partition(":")[0])
     assert soc.min() - 0.05 < last < soc.min()

@@ -18,30 +18,26 @@ BOXES = [
 ]
 
 
-@pytest.fixture(
-    scope="module",
-    params=[
-        {},
-        {"bounds": {"R1 [Ohm]": (1e-3, 8e-3), "R0 [Ohm]": (0.001, 0.02)}},
-        {"bounds": {"C1 [F]": (100.0, 900.0)}},
-    ],
-    ids=["free", "bounded", "by capacitance"],
-)
+BOUNDS = {
+    "free": {},
+    "bounded": {"R1 [Ohm]": (1e-3, 8e-3), "R0 [Ohm]": (0.001, 0.02)},
+    "by capacitance": {"C1 [F]": (100.0, 900.0)},
+}
+
+
+@pytest.fixture(scope="module", params=BOUNDS)
 def objective(request, bundled_cell):
+    given = {"window": Window(initial_soc=0.6), "bounds": BOUNDS[request.param]}
     record = drive_record("uneven", 300, seed=4)
-    return ConstantObjective.of(
-        make_problem(record, bundled_cell, "so-rc", window=Window(initial_soc=0.6), **request.param)
-    )
+    return ConstantObjective.of(make_problem(record, bundled_cell, "so-rc", **given))
 
 
-def best_error(objective, matrix, box, tilt=None):
+def best_error(objective, matrix, box, tilt=0.0):
     """The error of the best resistances at the middle of a box, less a linear reward for each."""
     low, high = box
     root = np.linalg.cholesky(matrix.T @ matrix).T
-    pushes = matrix.T @ objective.base - (0.0 if tilt is None else tilt)
-    ohm = lsq_linear(
-        root, -np.linalg.solve(root.T, pushes), (low, high), method="bvls", tol=1e-15
-    ).x
+    target = -np.linalg.solve(root.T, matrix.T @ objective.base - tilt)
+    ohm = lsq_linear(root, target, (low, high), method="bvls", tol=1e-15).x
     return objective.base + matrix @ ohm
 
 
@@ -70,15 +66,13 @@ def bound_by_hand(objective, error, places, allowed):
 def test_the_bound_of_a_box_is_the_better_of_two_directions(objective, places):
     ends = np.array(places)
     low, middle, high = ends[:, 0], ends.mean(axis=1), ends[:, 1]
-    allowed = (
-        objective.coefficient_box(low[:, None])[0][:, 0],
-        objective.coefficient_box(high[:, None])[1][:, 0],
+    at_low, box, at_high = (
+        [limit[:, 0] for limit in objective.coefficient_box(at[:, None])]
+        for at in (low, middle, high)
     )
-    box = [end[:, 0] for end in objective.coefficient_box(middle[:, None])]
-    answers = [
-        axis.columns(np.array([at]))[0, :, 0]
-        for axis, at in zip(objective.axes, middle, strict=True)
-    ]
+    allowed = at_low[0], at_high[1]
+    axes = zip(objective.axes, middle, strict=True)
+    answers = [axis.columns(np.array([at]))[0, :, 0] for axis, at in axes]
     matrix = np.column_stack([objective.current, *answers])
     error = best_error(objective, matrix, box)
     plain_v, lost = bound_by_hand(objective, error, places, allowed)

@@ -50,12 +50,8 @@ def errors_of(problem, resistances, taus, gamma):
     """The error at every scored sample of every record, by simulation."""
     r0, *r = (float(each) for each in resistances)
     circuit = CircuitParameters.constant(r0, tuple(r), tuple(np.divide(taus, r).tolist()), gamma)
-    return np.concatenate(
-        [
-            (each.voltage_v - evaluate(each, circuit).simulated_v)[each.scored]
-            for each in problem.prepared_records
-        ]
-    )
+    evaluations = [evaluate(each, circuit) for each in problem.prepared_records]
+    return np.concatenate([each.error_v[each.prepared.scored] for each in evaluations])
 
 
 def least_rmse(problem, low, high, taus, gamma):
@@ -83,10 +79,8 @@ def resistance_limits(bounds, tau_s):
     """Least and greatest resistances at some time constants, capacitances' bounds included."""
     names = [f"R{index} [Ohm]" for index in range(bounds.pairs + 1)]
     names += [f"C{pair + 1} [F]" for pair in range(bounds.pairs)]
-    ends = [
-        (bounds.fixed[name],) * 2 if name in bounds.fixed else bounds.ranges.get(name)
-        for name in names
-    ]
+    given = bounds.ranges | {name: (value, value) for name, value in bounds.fixed.items()}
+    ends = [given.get(name) for name in names]
     low, high = np.transpose(ends[: bounds.pairs + 1])
     for pair, (tau, c) in enumerate(zip(tau_s, ends[bounds.pairs + 1 :], strict=True), 1):
         if c is not None:

@@ -4,17 +4,13 @@ from dataclasses import replace
 from functools import partial
 
 import jax
-import numpy as np
 import pytest
 
-from barnax.cell import characterize
 from barnax.global_optimum import search
 from barnax.global_optimum.objective import ConstantObjective
 from barnax.global_optimum.search import find_global_optimum, optimality_gap
 from barnax.model.descent import lowest_scales
-from barnax.model.problem import make_problem, rmse_by_scan
-from barnax.model.window import Window
-from barnax.records import read_record
+from barnax.model.problem import rmse_by_scan
 from barnax.search.answers import AtBound
 from barnax.search.refine import refine
 from barnax.search.seeds import search_seeds
@@ -34,14 +30,6 @@ def problem_of(short_problem):
     """The bundled record's problem with another voltage, circuit or box; one shape for all."""
 
     return partial(other_problem, short_problem)
-
-
-def made_voltage_v(problem, r, tau, noise_v=1e-3):
-    """The terminal voltage of a circuit without hysteresis, with noise."""
-    prepared = problem.prepared
-    drop = drop_v(filtered_response, 1.0, prepared.current_a, (r[0], r[1:], tau))
-    source_v = problem.cell.average_ocv_v(prepared.soc)
-    return source_v - drop + np.random.default_rng(7).normal(0, noise_v, len(drop))
 
 
 def assert_certified(optimum, problem):
@@ -134,16 +122,3 @@ def test_the_gap_is_a_share_of_the_optimum_but_for_rounding():
     assert optimality_gap(0.0101, 0.01) == pytest.approx(0.01)
     assert optimality_gap(0.01, 0.01) == 0
     assert optimality_gap(5e-13, 1e-13) < 1e-3
-
-
-def test_a_measured_cell_has_the_optimum_an_independent_fit_found(real_data):
-    folder = real_data / "calce-inr18650-20r"
-    ocv = read_record(folder / "ocv-incremental_25degC_SP20-3.parquet")
-    cell = characterize([ocv], capacity_ah=2.0, ocv_fit="interpolated")
-    record = read_record(folder / "dst_25degC_80soc_SP20-2.parquet")
-    window = Window(start_after_step=3, initial_soc=1.0, score_steps=(7, 8))
-    optimum = find_global_optimum(make_problem(record, cell, "so-rc", window=window))
-    # SciPy from fourteen starts on simulations of its own.
-    assert optimum.rmse_v == pytest.approx(26.782e-3, abs=1e-6)
-    assert optimum.status == "certified"
-    assert optimum.proved_gap < 1e-5

@@ -1,17 +1,13 @@
 """The one-state hysteresis of `esc` against Plett's recursion, written as a plain loop."""
 
-from dataclasses import replace
-
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from barnax.cell import CircuitParameters
 from barnax.execution import in_float64
 from barnax.model.prepared import prepare_record
-from barnax.model.problem import make_problem, residuals, rmse_by_scan
 from barnax.model.window import Window
 from helpers.reference import drop_v, looped_response, make_record
 from helpers.scan import rc_parameters, terminal_voltage
@@ -100,21 +96,3 @@ def test_ten_hours_of_noise_at_rest_turn_nothing(bundled_cell):
         bundled_cell.hysteresis_v(prepared.soc) / 2
     )
     np.testing.assert_allclose(state, -1.0, atol=1e-4)
-
-
-@pytest.mark.slow
-def test_the_slope_in_the_rate_is_that_of_the_errors(bundled_cell):
-    record = make_record(TIME_S, CURRENT_A, 3.7 + 0.01 * np.sin(TIME_S))
-    problem = make_problem(record, bundled_cell, "esc", window=Window(initial_soc=0.8))
-    with jax.enable_x64(True):
-        objective = replace(problem, scale="log").objective
-        point = jnp.asarray(objective.coordinates.encode(rc_parameters(CIRCUIT)))
-        errors = eqx.filter_jit(residuals)
-        slope = eqx.filter_jit(jax.jacfwd(residuals))(point, objective)[:, -1]
-        step = 1e-5
-        raised, lowered = (
-            np.asarray(errors(point.at[-1].add(change), objective)) for change in (step, -step)
-        )
-        total = float(jnp.linalg.norm(errors(point, objective)))
-    np.testing.assert_allclose(slope, (raised - lowered) / (2 * step), rtol=1e-5, atol=1e-12)
-    assert total == pytest.approx(rmse_by_scan(problem, [CIRCUIT])[0], rel=1e-12)

@@ -38,10 +38,6 @@ def problem_of(cell, circuit, clocks):
     return make_problem(records, cell, circuit, window=KNOWN_SOC)
 
 
-def even(samples):
-    return np.arange(samples) * 1.0
-
-
 def uneven(samples, seed):
     steps = np.random.default_rng(seed).choice([0.5, 1.0, 7.0 + seed], samples)
     return np.cumsum(steps)

@@ -77,11 +77,7 @@ def test_a_change_replaces_the_default_and_leaves_the_earlier_bounds_as_they_wer
         ({}, {"C3 [F]": 1.0}, "'C3 [F]' is not a parameter"),
         ({}, {"C1 [F]": -500.0}, "'C1 [F]' cannot be fixed at -500.0; give a positive value"),
         ({"C1 [F]": (1.0, 2.0)}, {"C1 [F]": 1.5}, "'C1 [F]' is both bounded and fixed"),
-        (
-            dict.fromkeys(("C1 [F]", "tau1 [s]"), (1, 2)),
-            {},
-            "give 'tau1 [s]' or 'C1 [F]', not both",
-        ),
+        (dict.fromkeys(("C1 [F]", "tau1 [s]"), (1, 2)), {}, "'tau1 [s]' or 'C1 [F]', not both"),
         # Time constants that the record cannot show.
         ({"C1 [F]": (0.01, 0.1)}, {}, "R C is outside 0.5 to 1000 s"),
         ({}, {"C2 [F]": 1e-3}, "R C is outside 0.5 to 1000 s"),
@@ -131,14 +127,12 @@ def test_a_bounds_file_that_says_something_else_is_refused_by_name(tmp_path, con
 # Coordinates
 
 
-def places(coordinates):
+def points_in(coordinates):
     """Points all over the box, its two ends among them."""
-    fractions = np.random.default_rng(4).random((60, len(coordinates.lower)))
-    fractions = np.concatenate(
-        [fractions, np.zeros_like(fractions[:1]), np.ones_like(fractions[:1])]
-    )
     lower, upper = np.asarray(coordinates.lower), np.asarray(coordinates.upper)
-    return jnp.asarray(lower + fractions * (upper - lower))
+    shares = np.random.default_rng(4).random((60, len(lower)))
+    shares = np.concatenate([shares, np.zeros((1, len(lower))), np.ones((1, len(lower)))])
+    return jnp.asarray(lower + shares * (upper - lower))
 
 
 def physical(rc):
@@ -159,7 +153,7 @@ def assert_same(found, expected, rtol=1e-11):
 @every_scale
 def test_every_point_of_the_box_is_a_circuit_inside_the_bounds(name, scale):
     coordinates = Coordinates.of(BOXES[name], scale)
-    circuits = physical(jax.vmap(coordinates.decode)(places(coordinates)))
+    circuits = physical(jax.vmap(coordinates.decode)(points_in(coordinates)))
     for bound, (low, high) in BOXES[name].ranges.items():
         assert (low * (1 - 1e-12) <= circuits[bound]).all()
         assert (circuits[bound] <= high * (1 + 1e-12)).all()
@@ -171,7 +165,7 @@ def test_every_point_of_the_box_is_a_circuit_inside_the_bounds(name, scale):
 @every_scale
 def test_a_circuit_survives_encoding(name, scale):
     coordinates = Coordinates.of(BOXES[name], scale)
-    points = places(coordinates)
+    points = points_in(coordinates)
     circuits = jax.vmap(coordinates.decode)(points)
     again = coordinates.encode(circuits)
     assert_same(jax.vmap(coordinates.decode)(again), circuits)
@@ -212,7 +206,7 @@ def test_a_box_with_nothing_free_is_refused():
 def test_every_circuit_of_the_box_is_between_its_resistance_bounds_and_time_constants(name):
     bounds = BOXES[name]
     coordinates = Coordinates.of(BOXES[name], "log")
-    circuits = jax.vmap(coordinates.decode)(places(coordinates))
+    circuits = jax.vmap(coordinates.decode)(points_in(coordinates))
     tau_s = np.stack([np.asarray(tau) for tau in circuits.tau])
     low, high = bounds.resistance_box(tau_s)
     found = np.stack([np.asarray(each) for each in (circuits.r0, *circuits.r)])

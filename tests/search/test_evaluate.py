@@ -12,7 +12,7 @@ from barnax.model.reference import simulate_circuit
 from barnax.model.window import Window
 from barnax.records import read_record
 from barnax.search.evaluate import evaluate, step_warnings, validate
-from helpers.reference import drop_v, filtered_response
+from helpers.reference import drop_v, filtered_response, make_record
 
 CIRCUIT = CircuitParameters.constant(r0=0.05, r=(0.01, 0.02), c=(500.0, 4000.0))
 WINDOW = Window(score_from_s=99.5, score_to_s=1500.5)
@@ -28,12 +28,8 @@ def test_the_simulated_voltage_is_that_of_a_digital_filter(evaluation):
     circuit = (0.05, (0.01, 0.02), (5.0, 80.0))
     expected_v = prepared.source_v - drop_v(filtered_response, 1.0, prepared.current_a, circuit)
     np.testing.assert_allclose(evaluation.simulated_v, expected_v, rtol=1e-12)
-    error_v = prepared.voltage_v - evaluation.simulated_v
-    np.testing.assert_array_equal(evaluation.error_v, error_v)
-
-
-def test_metrics_count_scored_samples_only(evaluation):
-    scored_v = evaluation.error_v[evaluation.prepared.scored]
+    # Only scored samples count.
+    scored_v = (prepared.voltage_v - evaluation.simulated_v)[prepared.scored]
     assert evaluation.metrics.samples == len(scored_v) == 1401
     assert evaluation.metrics.rmse_v == pytest.approx(np.sqrt(np.mean(scored_v**2)), rel=1e-12)
     assert evaluation.metrics.max_v == np.abs(scored_v).max()
@@ -52,18 +48,7 @@ def test_an_r0_above_what_the_steps_show_is_told_with_both(bundled_cell, hold):
     """Levels of a minute at 1 s: the record's answer to their steps is of the closed form."""
     time_s = np.arange(3000.0)
     current_a = np.repeat(np.random.default_rng(3).uniform(-1, 2, 50), 60)
-    known = read_record(BUNDLED.validation)
-    flowed = replace(known.hold, value=hold)
-    record = replace(
-        known,
-        time_s=time_s,
-        current_a=current_a,
-        voltage_v=np.full(3000, 3.6),
-        row=np.arange(2, 3002),
-        step=None,
-        temperature_degc=None,
-        hold=flowed,
-    )
+    record = make_record(time_s, current_a, 3.6, hold=hold)
     window = Window(initial_soc=0.8)
     simulated_v = simulate_circuit(prepare_record(record, bundled_cell, "so-rc", window), CIRCUIT)
     noise_v = np.random.default_rng(4).normal(0, 1e-3, 3000)

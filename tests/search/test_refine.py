@@ -6,29 +6,13 @@ import jax
 import pytest
 
 from barnax.cell import CircuitParameters
-from barnax.model.problem import make_problem
 from barnax.optimizers import make_optimizer
 from barnax.search.answers import SAME_RMSE, AtBound, RefinedSeed, distinct_optima
 from barnax.search.refine import refine
 from barnax.search.seeds import search_seeds
+from helpers.problems import other_problem
 
 CIRCUIT = CircuitParameters.constant(r0=0.05, r=(0.01, 0.02), c=(500.0, 4000.0))
-
-
-@pytest.fixture(scope="module")
-def refined_in(short_problem, found):
-    """The refinement on the short problem in another box; its compiled program is shared."""
-
-    def run(bounds):
-        problem = make_problem(
-            short_problem.prepared.record,
-            short_problem.cell,
-            window=short_problem.prepared.window,
-            bounds=bounds,
-        )
-        return refine(search_seeds(problem, found.optimizer, key=jax.random.key(0), seeds=8))
-
-    return run
 
 
 def refined_at(rmse_v, circuit=CIRCUIT):
@@ -78,16 +62,13 @@ def test_a_search_is_refined_to_the_same_bits_in_any_callers_precision(
     assert again.evaluations == refinement.evaluations
 
 
-def test_progress_sums_to_the_seeds_and_many_blocks_finish(found):
-    steps = []
-    many = refine(replace(found, seeds=found.seeds * 5), progress=steps.append)
-    assert sum(steps) == len(many.seeds) == 40
-
-
 @pytest.mark.parametrize(("factors", "end"), [((0.5, 0.95), "upper"), ((1.05, 2.0), "lower")])
-def test_a_box_that_excludes_the_optimum_is_reported(refined_in, refinement, factors, end):
+def test_a_box_that_excludes_the_optimum_is_reported(
+    short_problem, found, refinement, factors, end
+):
     low, high = (factor * refinement.parameters.r0 for factor in factors)
-    narrow = refined_in({"R0 [Ohm]": (low, high)})
+    problem = other_problem(short_problem, "iso-rc", bounds={"R0 [Ohm]": (low, high)})
+    narrow = refine(search_seeds(problem, found.optimizer, key=jax.random.key(0), seeds=8))
     assert AtBound("R0 [Ohm]", end) in narrow.at_bound
     assert narrow.parameters.r0 == pytest.approx(high if end == "upper" else low, rel=1e-2)
     assert low * (1 - 1e-12) <= narrow.parameters.r0 <= high * (1 + 1e-12)
@@ -97,14 +78,7 @@ def test_a_box_that_excludes_the_optimum_is_reported(refined_in, refinement, fac
 @pytest.mark.slow
 def test_fixed_parameters_hold_through_search_and_refinement(short_problem):
     fixed = {"C1 [F]": 500.0, "R0 [Ohm]": 0.05}
-    problem = make_problem(
-        short_problem.prepared.record,
-        short_problem.cell,
-        "so-rc",
-        window=short_problem.prepared.window,
-        fixed=fixed,
-        objective="compressed",
-    )
+    problem = other_problem(short_problem, fixed=fixed, objective="compressed")
     searched = search_seeds(problem, make_optimizer("pso", 8, 20), key=jax.random.key(0), seeds=8)
     refined = refine(searched)
     for seed in (*searched.seeds, *refined.seeds):
@@ -112,17 +86,10 @@ def test_fixed_parameters_hold_through_search_and_refinement(short_problem):
     assert not {each.name for each in refined.at_bound} & {"C1 [F]", "R0 [Ohm]", "tau1 [s]"}
 
 
-def test_equal_errors_are_one_optimum():
-    first, second = distinct_optima(
-        [refined_at(0.012), refined_at(0.010), refined_at(0.010 * (1 + 1e-7))]
-    )
-    assert (first.rmse_v, first.seeds) == (0.010, 2)
-    assert (second.rmse_v, second.seeds) == (0.012, 1)
-    assert not first.is_family
-
-
-def test_different_circuits_of_equal_error_are_a_family():
-    (only,) = distinct_optima(
-        [refined_at(0.010), refined_at(0.010, CIRCUIT.with_tables({"R0 [Ohm]": [0.06]}))]
-    )
-    assert only.is_family
+def test_equal_errors_are_one_optimum_and_a_family_where_circuits_differ():
+    seeds = [refined_at(0.012), refined_at(0.010), refined_at(0.010 * (1 + 1e-7))]
+    other = refined_at(0.012, CIRCUIT.with_tables({"R0 [Ohm]": [0.06]}))
+    optima = [
+        (each.rmse_v, each.seeds, each.is_family) for each in distinct_optima([*seeds, other])
+    ]
+    assert optima == [(0.010, 2, False), (0.012, 2, True)]

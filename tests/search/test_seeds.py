@@ -11,7 +11,7 @@ from barnax.search.answers import AtBound
 from barnax.search.refine import refine
 from barnax.search.seeds import search_seeds
 from helpers.problems import other_problem
-from helpers.reference import banded_response, drop_v, filtered_response, looped_response
+from helpers.reference import drop_v, filtered_response
 
 # Li et al. (2023), Table 3: R, Rpa, Rpb in ohm, Cpa, Cpb in farad, and the circuit it was for.
 TABLE_3 = {
@@ -59,16 +59,11 @@ def test_a_seed_searches_on_its_own_and_is_the_same_among_any_number_of_seeds(se
 
 
 def test_every_evaluation_is_counted(found):
+    assert found.best.rmse_v == min(seed.rmse_v for seed in found.seeds)
     # The first population and one of each generation, 12 candidates each.
     assert [seed.evaluations for seed in found.seeds] == [12 * (40 + 1)] * 8
     assert found.evaluations == 8 * 12 * 41
     assert [seed.failures for seed in found.seeds] == [0] * 8
-
-
-def test_the_best_seed_is_the_one_of_least_error_and_every_faster_pair_comes_first(found):
-    assert found.best.rmse_v == min(seed.rmse_v for seed in found.seeds)
-    tau_s = [seed.parameters.tau_s for seed in found.seeds]
-    assert tau_s == [tuple(sorted(each)) for each in tau_s]
 
 
 def test_many_blocks_finish_in_the_order_of_the_seeds_and_progress_sums_to_them(search, found):
@@ -145,14 +140,3 @@ def test_a_pair_far_faster_than_the_sampling_is_reported_at_its_bound(checked_on
     assert AtBound("tau1 [s]", "lower") in refinement.at_bound
     assert (found.r0 + found.r[0]) == pytest.approx(r0 + r1, rel=5e-3)
     assert (found.r[1], found.c[1]) == pytest.approx((r2, c2), rel=5e-3)
-
-
-def test_the_references_agree():
-    time_s = np.arange(200.0)
-    current_a = np.sin(time_s / 7)
-    for hold in ("forward", "backward"):
-        banded = banded_response(time_s, current_a, 5.0, hold)
-        filtered = filtered_response(1.0, current_a, 5.0, hold)
-        looped = looped_response(time_s, current_a, 5.0, hold)
-        np.testing.assert_allclose(banded, filtered, atol=1e-13)
-        np.testing.assert_allclose(looped, filtered, atol=1e-13)

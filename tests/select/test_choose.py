@@ -1,6 +1,7 @@
 """The family and its choice on cells of known structure."""
 
 from dataclasses import replace
+from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,7 +15,7 @@ from barnax.over_soc.cross_validation import HeldOut
 from barnax.over_soc.problem import coarsened, find_best, reduced_objective
 from barnax.over_soc.settings import TableSettings
 from barnax.select.choose import Bench, Fitted, choose
-from barnax.select.family import NODE_LADDER, Limits, Point, limits_of
+from barnax.select.family import NODE_LADDER, RICHER, Limits, Point, limits_of
 from helpers.known_cell import cell_with_ocv, ocv_v
 from helpers.reference import make_record
 
@@ -130,22 +131,12 @@ def test_a_coarser_circuit_from_a_finer_reduction_is_the_one_reduced_for_it(cell
 
 
 def test_rungs_add_one_thing_and_lead_back():
-    limits = limits_of_all()
-    for circuit in limits.richer:
-        for nodes in limits.nodes:
-            from barnax.select.family import Point
-
-            point = Point(circuit, nodes)
-            for ladder, richer in limits.rungs(point):
-                assert point in limits.simpler(richer)
-                changed = (richer.circuit != circuit) + (richer.nodes != nodes)
-                assert changed == 1, ladder
-
-
-def limits_of_all():
-    from barnax.select.family import RICHER
-
-    return Limits("1rc", richer=RICHER)
+    limits = Limits("1rc", richer=RICHER)
+    for circuit, nodes in product(limits.richer, limits.nodes):
+        point = Point(circuit, nodes)
+        for ladder, richer in limits.rungs(point):
+            assert point in limits.simpler(richer)
+            assert (richer.circuit != circuit) + (richer.nodes != nodes) == 1, ladder
 
 
 class StatedBench(Bench):

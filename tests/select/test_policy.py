@@ -15,20 +15,13 @@ POLICY = Policy()
 
 def slow_loss(loss):
     """L = 1 / (2 B) sum log S_b + 1 / (2 K) sum log S_k, with the floor of a voltmeter."""
-    mean_v2 = [
-        (squares / count) + POLICY.floor_v**2
-        for squares, count in zip(loss.squares_v2[:, 0], loss.counts[:, 0], strict=True)
-        if count
-    ]
-    bands_v2 = [
-        loss.squares_v2[:, band].sum() / loss.counts[:, band].sum() + POLICY.floor_v**2
-        for band in range(loss.counts.shape[1])
-        if loss.counts[:, band].any()
-    ]
-    return (
-        sum(map(math.log, mean_v2)) / len(mean_v2) / 2
-        + sum(map(math.log, bands_v2)) / len(bands_v2) / 2
-    )
+    blocks = zip(loss.squares_v2[:, 0], loss.counts[:, 0], strict=True)
+    bands = zip(loss.squares_v2.sum(axis=0), loss.counts.sum(axis=0), strict=True)
+    total = 0.0
+    for sums in (blocks, bands):
+        logs = [math.log(squares / n + POLICY.floor_v**2) for squares, n in sums if n]
+        total += sum(logs) / len(logs) / 2
+    return total
 
 
 def drawn(seed, blocks=40):

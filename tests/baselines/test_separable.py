@@ -1,9 +1,14 @@
 """Variable projection against SciPy on the whole problem."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from barnax.baselines import METHODS, Budget
+from barnax.cell import CircuitParameters
+from barnax.model.problem import make_problem
+from barnax.search.evaluate import evaluate
 from helpers.reference import drop_v, filtered_response, fit_circuit
 
 NOISY = (0.05, (0.02, 0.03), (8.0, 90.0))
@@ -34,20 +39,13 @@ def test_it_meets_scipys_optimum_of_the_whole_problem(known_problem):
 
 
 def test_it_finds_the_rate_of_a_dynamic_hysteresis(short_problem, bundled_record, bundled_cell):
-    from dataclasses import replace
-
-    from barnax.cell import CircuitParameters
-    from barnax.model.problem import make_problem
-    from barnax.search.evaluate import evaluate
-
     made = CircuitParameters.constant(0.05, (0.02, 0.03), (400.0, 3000.0), 120.0)
-    problem = make_problem(
-        bundled_record, bundled_cell, "esc", window=short_problem.prepared.window
-    )
+    window = short_problem.prepared.window
+    problem = make_problem(bundled_record, bundled_cell, "esc", window=window)
     simulated_v = bundled_record.voltage_v.copy()
     simulated_v[problem.prepared.span] = evaluate(problem.prepared, made).simulated_v
     record = replace(bundled_record, voltage_v=simulated_v)
-    window = replace(short_problem.prepared.window, initial_soc=problem.prepared.start.soc)
+    window = replace(window, initial_soc=problem.prepared.start.soc)
     answer = varpro(make_problem(record, bundled_cell, "esc", window=window))
     assert answer.parameters.to_dict() == pytest.approx(made.to_dict(), rel=1e-3)
 
@@ -64,8 +62,7 @@ def test_it_finds_the_rate_of_a_dynamic_hysteresis(short_problem, bundled_record
 def test_bounds_and_fixed_values_hold_exactly(bounds, fixed, known_problem):
     problem = known_problem(NOISY, noise_v=1e-3, bounds=bounds, fixed=fixed)
     answer = varpro(problem)
-    values = answer.parameters.to_dict()
-    values |= dict(zip(("tau1 [s]", "tau2 [s]"), answer.parameters.tau_s, strict=True))
+    values = answer.parameters.to_dict() | answer.parameters.named_tau_s
     for name, (low, high) in problem.bounds.ranges.items():
         assert low * (1 - 1e-9) <= values[name] <= high * (1 + 1e-9)
     for name, value in fixed.items():

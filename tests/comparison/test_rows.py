@@ -2,7 +2,6 @@
 
 import itertools
 import json
-from contextlib import contextmanager
 
 import pytest
 from scipy.optimize import differential_evolution
@@ -28,39 +27,13 @@ def validation():
 
 
 @pytest.fixture(scope="module")
-def watched():
-    """What a comparison tells while it works: titles, and seeds finished under each."""
-    return {}
-
-
-@pytest.fixture(scope="module")
-def comparison(bundled_record, bundled_cell, validation, watched):
-    @contextmanager
-    def watch(title):
-        watched[title] = 0
-
-        def advance(gained):
-            watched[title] += gained
-
-        yield advance
-
-    return compare(
-        bundled_record,
-        bundled_cell,
-        ROWS,
-        validation=[validation],
-        window=WINDOW,
-        budget=BUDGET,
-        watch=watch,
-    )
+def comparison(bundled_record, bundled_cell, validation):
+    given = {"validation": [validation], "window": WINDOW, "budget": BUDGET}
+    return compare(bundled_record, bundled_cell, ROWS, **given)
 
 
 def row_of(comparison, name):
     return next(row for row in comparison.rows if row.name == name)
-
-
-def test_the_rows_stand_in_the_order_asked_for(comparison):
-    assert [(row.model, row.method) for row in comparison.rows] == list(ROWS)
 
 
 def test_a_row_is_its_median_seeds_answer_on_every_record(comparison, validation, bundled_cell):
@@ -91,17 +64,12 @@ def test_refinement_stands_beside_the_answer_and_is_never_worse(comparison):
     assert row_of(comparison, "pso so-rc").refined.rmse_v >= exact.median.rmse_v * (1 - SAME_RMSE)
 
 
-def test_every_pair_of_answered_rows_is_compared_on_every_record(comparison):
-    names = [row.name for row in comparison.answered]
-    expected = {
-        (*pair, place) for pair in itertools.combinations(names, 2) for place in (False, True)
-    }
-    found = [(each.first, each.second, each.is_validation) for each in comparison.differences]
-    assert set(found) == expected
-    assert len(found) == len(expected)
-
-
-def test_a_difference_is_that_of_the_rows_errors(comparison):
+def test_every_pair_of_answered_rows_is_compared_by_its_errors_on_every_record(comparison):
+    assert [(row.model, row.method) for row in comparison.rows] == list(ROWS)
+    pairs = itertools.combinations([row.name for row in comparison.answered], 2)
+    compared = [(each.first, each.second, each.is_validation) for each in comparison.differences]
+    expected = itertools.product(pairs, (False, True))
+    assert sorted(compared) == sorted((*pair, is_validation) for pair, is_validation in expected)
     for each in comparison.differences:
         first, second = (
             row_of(comparison, name).evaluations[each.is_validation].metrics.rmse_v
@@ -123,14 +91,9 @@ def test_seeds_are_paired_where_a_row_has_them_and_on_the_identification_record(
 
 @pytest.mark.slow
 def test_bounds_go_to_the_models_that_have_the_parameter(bundled_record, bundled_cell):
-    compared = compare(
-        bundled_record,
-        bundled_cell,
-        [("so-rc", "varpro"), ("3rc", "ls")],
-        window=WINDOW,
-        bounds={"R3 [Ohm]": (0.001, 0.002)},
-        fixed={"R0 [Ohm]": 0.06},
-    )
+    rows = [("so-rc", "varpro"), ("3rc", "ls")]
+    box = {"bounds": {"R3 [Ohm]": (0.001, 0.002)}, "fixed": {"R0 [Ohm]": 0.06}}
+    compared = compare(bundled_record, bundled_cell, rows, window=WINDOW, **box)
     assert compared.rows[0].median.parameters.r0 == pytest.approx(0.06)
     assert compared.rows[1].problem.bounds.ranges["R3 [Ohm]"] == (0.001, 0.002)
 
@@ -139,31 +102,23 @@ def test_the_file_gives_back_the_result_exactly(comparison, tmp_path):
     path = tmp_path / "comparison.json"
     path.write_text(comparison.to_json())
     assert ComparisonResult.from_json(path) == comparison
-
-
-@pytest.mark.parametrize(
-    ("change", "reason"),
-    [
-        (lambda stored: stored["rows"][0].update(answers=[]), "lacks answers"),
-        (lambda stored: stored["rows"][0].update(errors=[]), "errors on some record"),
-        (lambda stored: stored.update(models={}), "no box of"),
-    ],
-)
-def test_a_file_that_is_not_whole_is_refused(comparison, tmp_path, change, reason):
+    # One that is not whole is refused.
     stored = json.loads(comparison.to_json())
-    change(stored)
-    path = tmp_path / "comparison.json"
-    path.write_text(json.dumps(stored))
-    with pytest.raises(InputError, match=reason):
-        ComparisonResult.from_json(path)
+    first, *others = stored["rows"]
+    for change, reason in (
+        ({"rows": [first | {"answers": []}, *others]}, "lacks answers"),
+        ({"rows": [first | {"errors": []}, *others]}, "errors on some record"),
+        ({"models": {}}, "no box of"),
+    ):
+        path.write_text(json.dumps(stored | change))
+        with pytest.raises(InputError, match=reason):
+            ComparisonResult.from_json(path)
 
 
 def test_a_comparison_repeats_to_the_same_bytes(bundled_record, bundled_cell):
-    def text():
-        compared = compare(bundled_record, bundled_cell, ROWS[2:4], window=WINDOW, budget=BUDGET)
-        return compared.to_json()
-
-    assert text() == text()
+    given = {"window": WINDOW, "budget": BUDGET}
+    first, again = (compare(bundled_record, bundled_cell, ROWS[2:4], **given) for _ in range(2))
+    assert first.to_json() == again.to_json()
 
 
 @pytest.mark.slow
@@ -177,14 +132,9 @@ def test_seeds_that_stop_after_different_generations_are_stored(
         return differential_evolution(*given, maxiter=maxiter - 10 * next(turns), **more)
 
     monkeypatch.setattr("barnax.baselines.searches.differential_evolution", sooner)
-    compared = compare(
-        bundled_record,
-        bundled_cell,
-        [("1rc", "de")],
-        window=WINDOW,
-        fixed={"R1 [Ohm]": 0.02, "tau1 [s]": 20.0},
-        budget=Budget(population=5, iterations=60, seeds=3),
-    )
+    given = {"fixed": {"R1 [Ohm]": 0.02, "tau1 [s]": 20.0}, "window": WINDOW}
+    given["budget"] = Budget(population=5, iterations=60, seeds=3)
+    compared = compare(bundled_record, bundled_cell, [("1rc", "de")], **given)
     path = tmp_path / "comparison.json"
     path.write_text(compared.to_json())
     result = ComparisonResult.from_json(path)

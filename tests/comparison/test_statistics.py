@@ -24,8 +24,6 @@ def test_bands_hold_every_scored_sample_once():
     squares = sum(band.samples * band.rmse_v**2 for band in bands if band.rmse_v is not None)
     assert squares == pytest.approx(np.sum(error_v[scored] ** 2))
 
-
-def test_a_bands_figures_are_those_of_its_samples():
     soc, error_v = np.array([0.05, 0.1, 0.15, 0.2]), np.array([9.0, -3.0, 1.0, 9.0])
     middle = errors_by_soc(error_v, soc, np.full(4, True))[1]
     assert (middle.samples, middle.mean_v, middle.max_v) == (2, -1.0, 3.0)

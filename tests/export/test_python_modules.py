@@ -41,8 +41,8 @@ THEVENIN_NAMES = {
 }  # fmt: skip
 
 
-def load(name: str, circuit: str, **changes: Any) -> dict[str, Any]:
-    return run_module(EXPORTERS[name], make_result(circuit, **changes))
+def load(name: str, circuit: str) -> dict[str, Any]:
+    return run_module(EXPORTERS[name], make_result(circuit))
 
 
 @every_circuit

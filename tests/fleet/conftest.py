@@ -10,6 +10,7 @@ import uuid
 import numpy as np
 import polars as pl
 import pytest
+from polars.testing import assert_frame_equal
 
 from helpers.problems import drive_a
 from helpers.reference import drop_v, looped_response
@@ -40,16 +41,11 @@ def small_fleet(tmp_path_factory, bundled_cell):
         write_cell(folder / f"cell{seed}.parquet", bundled_cell, samples, seed, 0.05 + 0.01 * seed)
     (folder / "corrupt.parquet").write_bytes(b"PAR1 and nothing else")
     ocv = ";".join(str(bundled_file(name)) for name in ("ocv_charge", "ocv_discharge"))
-    rows = [
-        {"id": f"cell {seed}", "records": f"cell{seed}.parquet", "age": 100 * seed}
-        for seed in range(len(SAMPLES))
-    ]
-    rows += [
-        {"id": "corrupt", "records": "corrupt.parquet", "age": 7},
-        {"id": "missing", "records": "nowhere*.parquet", "age": 8},
-    ]
-    known = {"ocv": ocv, "initial_soc": 0.8, "circuit": "1rc"}
-    pl.DataFrame([row | known for row in rows]).write_csv(folder / "manifest.csv")
+    rows = [(f"cell {seed}", f"cell{seed}.parquet", 100 * seed) for seed in range(len(SAMPLES))]
+    rows += [("corrupt", "corrupt.parquet", 7), ("missing", "nowhere*.parquet", 8)]
+    table = pl.DataFrame(rows, schema=["id", "records", "age"], orient="row")
+    table = table.with_columns(ocv=pl.lit(ocv), initial_soc=0.8, circuit=pl.lit("1rc"))
+    table.write_csv(folder / "manifest.csv")
     return folder
 
 
@@ -94,6 +90,7 @@ def bucket(s3_server):
     return found
 
 
-def comparable(frame):
-    """The rows without what a clock says, and without the settings, which have other words here."""
-    return frame.drop("seconds", "fingerprint").sort("id")
+def require_equal(rows, others):
+    """Rows are the same to the bit, but for a clock, and for settings in other words."""
+    one, other = (each.drop("seconds", "fingerprint").sort("id") for each in (rows, others))
+    assert_frame_equal(one, other, check_exact=True, check_column_order=False)

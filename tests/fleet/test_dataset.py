@@ -24,6 +24,7 @@ from barnax.fleet.dataset import (
     writing,
 )
 
+ERROR = "error", "error code"
 # Values of a carried column, and what they are where others have another type.
 KINDS = (
     (3, "3"),
@@ -109,23 +110,16 @@ def test_duckdb_and_polars_answer_the_questions_of_the_page_alike(tmp_path):
     page = (Path(__file__).parents[2] / "docs" / "many-cells.md").read_text(encoding="utf-8")
     questions = re.findall(r"^```sql\n(.*?)^```", page, re.M | re.S)
     assert len(questions) == 2
+    names = ("id", "age_days", "R0 [Ohm]", "RMSE [V]", "at bound", "certified", *ERROR)
     for shard in (1, 2):
-        known = {"certified": True, "at bound": "", "age_days": 100, "error": None}
+        ohm, volts = 0.01 * shard, 1.5 * shard
         rows = [
-            {
-                **known,
-                "id": f"{shard}{k}",
-                "R0 [Ohm]": 0.01 * shard + 0.001 * k,
-                "RMSE [V]": k + 1.5 * shard,
-            }
-            for k in range(3)
+            (f"{shard}0", 0, ohm, volts, "R1 [Ohm] low", True, None, None),
+            (f"{shard}1", 100, ohm + 0.001, volts + 1, "", False, None, None),
+            (f"{shard}2", 100, ohm + 0.002, volts + 2, "", None, "no", "file.damaged"),
         ]
-        rows[0] |= {"age_days": 0, "at bound": "R1 [Ohm] low"}
-        rows[1] |= {"certified": False}
-        rows[2] |= {"error": "no", "error code": "file.damaged", "certified": None}
-        write_rows(
-            dataset_path(tmp_path, (shard, 2)), [{"error code": None, **each} for each in rows]
-        )
+        path = dataset_path(tmp_path, (shard, 2))
+        write_rows(path, [dict(zip(names, row, strict=True)) for row in rows])
     files = str(tmp_path / "cells*.parquet")
     cells = duckdb.read_parquet(files, union_by_name=True)
     context = pl.SQLContext(cells=pl.scan_parquet(files))

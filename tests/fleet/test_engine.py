@@ -1,6 +1,5 @@
 """The engine: what stops it, what it skips, and that a row has its bits wherever it is made."""
 
-import threading
 from concurrent.futures import Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
@@ -9,7 +8,6 @@ from types import SimpleNamespace
 
 import polars as pl
 import pytest
-from polars.testing import assert_frame_equal
 
 from barnax.bundled import BUNDLED
 from barnax.cell import characterize
@@ -22,17 +20,10 @@ from barnax.model.problem import make_problem
 from barnax.model.window import Window
 from barnax.records import read_record
 
-from .conftest import SAMPLES, comparable
+from .conftest import SAMPLES, require_equal
 
 # What a row says in place of an identification, where only the engine is looked at.
-ROW = {
-    "id": "",
-    "error": None,
-    "RMSE [V]": 0.01,
-    "seconds": 1.0,
-    "warnings": [],
-    "warning codes": [],
-}
+ROW = {"error": None, "RMSE [V]": 0.01, "seconds": 1.0, "warnings": [], "warning codes": []}
 
 
 @pytest.fixture
@@ -48,15 +39,10 @@ def made_rows(monkeypatch, before=lambda name: None):
     def rows(cell, settings, out=None):
         error = before(cell.id)
         computed.append(cell.id)
-        return [ROW | {"id": cell.id, "error": error, **cell.carried}]
+        return [{"id": cell.id, **ROW, "error": error, **cell.carried}]
 
     monkeypatch.setattr("barnax.fleet.rows.identify_rows", rows)
     return computed
-
-
-def use_pools(monkeypatch, make):
-    """Pools of processes are what `make` gives."""
-    monkeypatch.setattr("barnax.fleet.engine.ProcessPoolExecutor", lambda *_, **__: make())
 
 
 def cells_of(names):
@@ -72,8 +58,13 @@ def test_a_finished_cell_is_skipped_and_a_changed_one_computed_again(tmp_path, c
     rows = read_rows(tmp_path)
     assert rows["id"].to_list() == ["a", "b", "c"]
     assert rows["age"].to_list() == [1, 1, 2]
-    again = identify_fleet(changed, tmp_path, executor=AtOnce(), settings={"trust": "none"})
-    assert again.finished == 3
+    # Settings that come back have their own rows, and rows of other cells stay.
+    for trust, finished in (("none", 3), ("basic", 3), ("none", 3), ("none", 0)):
+        options = {"executor": AtOnce(), "settings": {"trust": trust}}
+        assert identify_fleet(changed, tmp_path, **options).finished == finished
+    identify_fleet(cells_of("d"), tmp_path, executor=AtOnce())
+    assert read_rows(tmp_path)["id"].to_list() == ["a", "b", "c", "d"]
+    assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["cells.parquet"]
 
 
 class Stop(Exception):
@@ -100,28 +91,6 @@ def test_retry_repeats_what_failed_and_nothing_else(tmp_path, monkeypatch, is_in
     assert read_rows(tmp_path)["error"].to_list() == [None] * 3
 
 
-def test_settings_that_come_back_have_their_own_rows(tmp_path, computed):
-    def stop(state):
-        if state.finished:
-            raise Stop
-
-    for trust in ("none", "basic"):
-        with pytest.raises(Stop):
-            identify_fleet(
-                cells_of("a"), tmp_path, executor=AtOnce(), settings={"trust": trust}, report=stop
-            )
-    options = {"executor": AtOnce(), "settings": {"trust": "none"}}
-    assert identify_fleet(cells_of("a"), tmp_path, **options).finished == 1
-    assert identify_fleet(cells_of("a"), tmp_path, **options).skipped == 1
-
-
-def test_rows_of_other_cells_stay(tmp_path, computed):
-    identify_fleet(cells_of("ab"), tmp_path, executor=AtOnce())
-    identify_fleet(cells_of("c"), tmp_path, executor=AtOnce())
-    assert read_rows(tmp_path)["id"].to_list() == ["a", "b", "c"]
-    assert [path.name for path in tmp_path.iterdir() if path.is_file()] == ["cells.parquet"]
-
-
 def test_an_iterable_is_read_no_further_than_its_cells_wait(tmp_path, computed):
     taken = []
 
@@ -130,15 +99,11 @@ def test_an_iterable_is_read_no_further_than_its_cells_wait(tmp_path, computed):
             taken.append(cell["id"])
             yield cell
 
+    def report(state):
+        reports.append((state.finished, len(taken)))
+
     reports = []
-    identify_fleet(
-        cells(),
-        tmp_path,
-        executor=AtOnce(),
-        workers=1,
-        batch=1,
-        report=lambda state: reports.append((state.finished, len(taken))),
-    )
+    identify_fleet(cells(), tmp_path, executor=AtOnce(), workers=1, batch=1, report=report)
     # Two cells for the worker and two more.
     assert reports[1] == (1, 4)
     assert reports[-1] == (10, 10)
@@ -157,14 +122,13 @@ def test_shards_write_files_of_their_own_that_the_whole_takes_in(tmp_path, compu
 
 def test_shards_run_beside_each_other(tmp_path, computed):
     names = [f"cell {number}" for number in range(24)]
+
+    def finished(shard):
+        given = {"executor": AtOnce(), "shard": shard, "batch": 1}
+        return identify_fleet(cells_of(names), tmp_path, **given).finished
+
     with ThreadPoolExecutor(4) as pool:
-        running = [
-            pool.submit(
-                identify_fleet, cells_of(names), tmp_path, executor=AtOnce(), shard=(n, 4), batch=1
-            )
-            for n in (1, 2, 3, 4)
-        ]
-    assert sum(each.result().finished for each in running) == len(names)
+        assert sum(pool.map(finished, [(n, 4) for n in (1, 2, 3, 4)])) == len(names)
     assert identify_fleet(cells_of(names), tmp_path, executor=AtOnce()).skipped == len(names)
 
 
@@ -212,11 +176,13 @@ class Deadly(Exception):
 
 
 class Fragile(AtOnce):
-    """Breaks for good, as a pool of processes does, where the cell `deadly` is computed."""
+    """Breaks for good, as a pool of processes does, where a cell ends the worker."""
 
-    is_broken = False
+    is_broken, asked = False, 0
 
     def submit(self, fn, /, *args, **kwargs):
+        self.asked += 1
+        assert self.asked < 100, "an endless loop"
         if self.is_broken:
             raise BrokenProcessPool("broken")
         future = Future()
@@ -225,6 +191,15 @@ class Fragile(AtOnce):
         except Deadly:
             self.is_broken = True
             future.set_exception(BrokenProcessPool("a worker died"))
+        return future
+
+
+class Dead(Fragile):
+    """No worker of it ever begins."""
+
+    def submit(self, fn, /, *args, **kwargs):
+        future = Future()
+        future.set_exception(BrokenProcessPool("no worker started"))
         return future
 
 
@@ -237,7 +212,7 @@ def test_a_cell_that_kills_its_worker_costs_one_row(tmp_path, monkeypatch):
             raise Deadly
 
     made_rows(monkeypatch, die)
-    use_pools(monkeypatch, Fragile)
+    monkeypatch.setattr("barnax.fleet.engine.ProcessPoolExecutor", lambda *_, **__: Fragile())
     names = ["a", "b", "deadly", "c", "d", "e"]
     state = identify_fleet(cells_of(names), tmp_path, batch=3)
     assert (state.finished, state.failed, len(deaths)) == (6, 1, 2)
@@ -255,33 +230,17 @@ def test_an_executor_that_stays_broken_is_no_endless_loop(tmp_path, monkeypatch)
         if name == "deadly" and dies.pop():
             raise Deadly
 
-    class Limited(Fragile):
-        asked = 0
-
-        def submit(self, fn, /, *args, **kwargs):
-            self.asked += 1
-            assert self.asked < 100
-            return super().submit(fn, *args, **kwargs)
-
     computed = made_rows(monkeypatch, die_once)
     cells = cells_of(["a", "deadly", "b"])
     with pytest.raises(InputError, match="the executor is broken"):
-        identify_fleet(cells, tmp_path, executor=Limited(), batch=1)
+        identify_fleet(cells, tmp_path, executor=Fragile(), batch=1)
     dies.append(False)
     state = identify_fleet(cells, tmp_path, executor=AtOnce(), batch=1)
     assert (state.finished, state.skipped, computed) == (2, 1, ["a", "deadly", "b"])
 
 
 def test_workers_that_never_begin_are_no_endless_loop(tmp_path, monkeypatch):
-    class Dead(Fragile):
-        is_broken = True
-
-        def submit(self, fn, /, *args, **kwargs):
-            future = Future()
-            future.set_exception(BrokenProcessPool("no worker started"))
-            return future
-
-    use_pools(monkeypatch, Dead)
+    monkeypatch.setattr("barnax.fleet.engine.ProcessPoolExecutor", lambda *_, **__: Dead())
     with pytest.raises(RuntimeError, match="workers die before they begin"):
         identify_fleet(cells_of("ab"), tmp_path)
 
@@ -312,14 +271,8 @@ def test_a_row_says_what_was_found_or_why_nothing_was(alone):
 
 
 def test_no_column_of_a_manifest_can_be_one_of_the_dataset(alone):
-    others = {"id", "age", "circuit", "records"}
-    for name in {
-        *alone.columns,
-        "C4 [F] high",
-        "gamma low",
-        "tables RMSE [V]",
-        "tables R1 [Ohm] low",
-    } - others:
+    more = {"C4 [F] high", "gamma low", "tables RMSE [V]", "tables R1 [Ohm] low"}
+    for name in more | {*alone.columns} - {"id", "age", "circuit", "records"}:
         with pytest.raises(InputError, match="the dataset has its own"):
             cell_of({"id": "a", "records": "a.csv", name: 1})
 
@@ -328,23 +281,16 @@ def test_a_row_has_the_same_bits_in_a_batch_and_in_another_order(alone, small_fl
     cells, _ = read_manifest(small_fleet / "manifest.csv")
     with ThreadPoolExecutor(2) as pool:
         identify_fleet(cells[::-1], tmp_path, executor=pool, batch=4)
-    assert_frame_equal(
-        comparable(read_rows(tmp_path)),
-        comparable(alone),
-        check_exact=True,
-        check_column_order=False,
-    )
+    require_equal(read_rows(tmp_path), alone)
 
 
 def test_a_problem_in_memory_has_a_row_too(small_fleet, alone, tmp_path):
     cell = characterize([read_record(path) for path in BUNDLED.ocv], ocv_fit="interpolated")
     record = read_record(small_fleet / "cell0.parquet")
-    problem = make_problem(
-        record, cell, "1rc", window=Window(initial_soc=0.8), objective="compressed"
-    )
+    window = Window(initial_soc=0.8)
+    problem = make_problem(record, cell, "1rc", window=window, objective="compressed")
     identify_fleet([{"id": "here", "problem": problem, "age": 3}], tmp_path, executor=AtOnce())
     (row,) = read_rows(tmp_path).to_dicts()
     assert (row["error"], row["age"]) == (None, 3)
     expected = alone.filter(pl.col("id") == "cell 0").to_dicts()[0]
     assert row["R0 [Ohm]"] == expected["R0 [Ohm]"]
-    assert threading.active_count() < 50

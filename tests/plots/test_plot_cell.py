@@ -14,15 +14,7 @@ from barnax.plots import plot_ocv, plot_pulses
 from barnax.plots.cell import plot_fitted_ocv
 from barnax.pulses import levels, pulses_of
 from barnax.search.evaluate import evaluate
-from helpers.results import labels, line, make_cell
-
-
-def test_the_symbols_are_the_measured_points():
-    cell = make_cell()
-    axes = plot_ocv(cell).axes[0]
-    for name, points in (("discharge", cell.discharge_points), ("charge", cell.charge_points)):
-        drawn = line(axes, f"{name} points").get_xydata()
-        np.testing.assert_allclose(drawn, [(point.soc, point.voltage_v) for point in points])
+from helpers.results import labels, make_cell
 
 
 def test_the_residuals_are_point_minus_curve_in_millivolt(bundled_cell):

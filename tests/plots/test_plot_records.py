@@ -3,10 +3,7 @@
 import numpy as np
 import pytest
 
-from barnax.plots import (
-    plot_error,
-    plot_voltage,
-)
+from barnax.plots import plot_error, plot_voltage
 from barnax.plots.voltage import worst_stretch
 from helpers.results import line, make_evaluation, make_record
 
@@ -17,15 +14,6 @@ def scored():
     scored = np.ones(600, bool)
     scored[:100] = scored[300:310] = False
     return scored
-
-
-def make_rows(*sizes_v, samples=600, scored=None):
-    record = make_record(samples)
-    wave = np.sin(np.arange(samples) / 50)
-    return {
-        f"row {place}": make_evaluation(record, scored, size_v * wave)
-        for place, size_v in enumerate(sizes_v)
-    }
 
 
 def test_the_magnified_stretch_is_a_part_of_the_record_on_the_same_clock():
@@ -54,13 +42,13 @@ def test_the_magnified_stretch_is_the_scored_one_with_the_largest_error():
     error_v[500:900] = 1.0
     error_v[2000:2200] += 0.02
     scored = np.arange(3000) >= 1000
-    squares = np.where(scored, error_v, 0.0) ** 2
-    expected = max(range(3000 - 200 + 1), key=lambda start: squares[start : start + 200].sum())
-    assert worst_stretch(error_v, scored) == slice(expected, expected + 200)
+    sums_v2 = np.convolve(np.where(scored, error_v, 0.0) ** 2, np.ones(200), "valid")
+    assert worst_stretch(error_v, scored) == slice(np.argmax(sums_v2), np.argmax(sums_v2) + 200)
 
 
 def test_every_row_s_voltage_is_drawn_over_the_measured_one():
-    rows = make_rows(2e-3, 5e-3)
+    record, wave = make_record(600), np.sin(np.arange(600) / 50)
+    rows = {f"row {k}": make_evaluation(record, None, k * 1e-3 * wave) for k in range(2)}
     whole = plot_voltage(rows).axes[0]
     first = rows["row 0"]
     np.testing.assert_array_equal(line(whole, "measured").get_ydata(), first.prepared.voltage_v)
@@ -71,7 +59,7 @@ def test_every_row_s_voltage_is_drawn_over_the_measured_one():
 
 @pytest.mark.parametrize("plot", [plot_voltage, plot_error])
 def test_rows_on_different_samples_are_refused(plot):
-    rows = make_rows(1e-3) | {"other": make_evaluation(make_record(500))}
+    rows = {f"{samples}": make_evaluation(make_record(samples)) for samples in (600, 500)}
     with pytest.raises(ValueError, match="different samples"):
         plot(rows)
     with pytest.raises(ValueError, match="no row"):
@@ -84,15 +72,12 @@ def test_scored_and_unscored_samples_together_are_all_samples(scored):
     emphasized, grey = line(over_time, "scored error"), line(over_time, "not scored")
     assert emphasized.get_color() != grey.get_color()
     assert emphasized.get_zorder() > grey.get_zorder()
-    for drawn, chosen in ((emphasized, scored), (grey, ~scored)):
-        error_mv = drawn.get_ydata()
-        np.testing.assert_array_equal(
-            error_mv[np.isfinite(error_mv)], 1e3 * evaluation.error_v[chosen]
-        )
+    pairs = zip((emphasized, grey), over_soc.get_lines(), (scored, ~scored), strict=False)
+    for drawn, points, chosen in pairs:
+        error_mv = drawn.get_ydata()[np.isfinite(drawn.get_ydata())]
+        np.testing.assert_array_equal(error_mv, 1e3 * evaluation.error_v[chosen])
+        np.testing.assert_array_equal(points.get_xdata(), evaluation.prepared.soc[chosen])
     assert np.count_nonzero(np.isnan(emphasized.get_ydata())) == 1
-    points, grey_points = over_soc.get_lines()[:2]
-    np.testing.assert_array_equal(points.get_xdata(), evaluation.prepared.soc[scored])
-    np.testing.assert_array_equal(grey_points.get_xdata(), evaluation.prepared.soc[~scored])
 
 
 def test_the_steps_are_the_rmse_in_each_twentieth_of_soc():

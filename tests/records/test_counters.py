@@ -146,16 +146,6 @@ def test_a_counter_that_stands_still_and_catches_up_adds_nothing_to_what_was_log
     np.testing.assert_allclose(record.discharged_ah, out_ah, atol=1e-9)
 
 
-def test_a_counter_that_begins_anew_within_a_moment_adds_nothing_either():
-    # Charged, then discharged, each step counted from zero: it falls from 0.25 Ah at once.
-    time_s = np.append(np.arange(451), 450.0005 + np.arange(451))
-    current_a, out_ah = np.repeat([2.0, -2.0], 451), np.append(np.arange(451), 449 - np.arange(451))
-    frame = {"Test Time / s": time_s, "Current / A": current_a, "Voltage / V": 3.7 + out_ah / 900}
-    counter_ah = np.append(np.arange(451), -np.arange(451)) / 1800
-    record = record_from_frame(frame | {"Net Capacity / Ah": counter_ah})
-    assert record.skipped_ah is None
-
-
 def test_a_counter_tells_what_passed_between_a_rest_and_a_load():
     record, out_ah = recorded(-OUT_AH, ~np.isin(np.arange(960), np.r_[400:455, 715:760]))
     np.testing.assert_allclose(record.discharged_ah, out_ah, atol=2e-4)

@@ -63,6 +63,12 @@ HEADERS = {
     "Index,TestTime/Sec.,StepTime/Sec.,Voltage/V,Current/mA": ("Landt", 1, 1e-3),
     "记录,测试时间,系统时间,工步序号,电压/V,电流/mA": ("Landt", 1, 1e-3),
     "mode,ox/red,error,time/ms,Ecell/mV,I/µA": ("BioLogic", 1e-3, 1e-6),
+    "~Time[s],DataSet,DateTime,Line,U[V],I[A]": ("Basytec", 1, 1),
+    "Record ID,Step ID,Status,Time(H:M:S:ms),Vol(mV),Cur(mA)": ("Neware", 1, 1e-3),
+    "Segment,Point,E(V),I(A),Elapsed Time(s)": ("Ivium", 1, 1),
+    "Record_number,current_A,voltage_V,Relative_Time_h_min_s.ms_": ("plain", 1, 1),
+    "Testtime,StepID,Steptime,Channel Voltage,Channel Current": ("plain", 1, 1),
+    "总时间(s),电流(A),电压(V)": ("Neware", 1, 1),
     "Zeit [min],Strom [mA],Spannung [V]": ("German", 60, 1e-3),
     "time /s,I /A,E /V": ("Ivium", 1, 1),
     "Time (s),WE(1).Current (A),WE(1).Potential (V)": ("plain", 1, 1),
@@ -143,29 +149,7 @@ EXPORTS = {
         "{second};1;0;{ampere};0;0;{volt}",
     ),
     "mV and mA": ("Time\tmV\tmA\tTemperature", "{clock}\t{millivolt}\t{milliampere}\t25"),
-    "Basytec with dates": (
-        "~Time[s] DataSet DateTime Line U[V] I[A]",
-        "{second} 1 2026-01-01 00:00:00 1 {volt} {ampere}",
-    ),
-    "Neware in millivolts": (
-        "Record ID,Step ID,Status,Time(H:M:S:ms),Vol(mV),Cur(mA)",
-        "1,1,CC,{clock}:000,{millivolt},{milliampere}",
-    ),
-    "Wonik": (
-        "StepNo,Type,StepTime(H:M:S),TotTime(H:M:S),Voltage(V),Current(A)",
-        "1,Rest,00:00:00,{clock},{volt},{ampere}",
-    ),
-    "VersaStudio": ("Segment,Point,E(V),I(A),Elapsed Time(s)", "0,1,{volt},{ampere},{second}"),
-    "a clock in words": (
-        "Record_number,current_A,voltage_V,Relative_Time_h_min_s.ms_",
-        "1,{ampere},{volt},{clock}.000",
-    ),
-    "channels": (
-        "Testtime,StepID,Steptime,Channel Voltage,Channel Current",
-        "{second},1,0,{volt},{ampere}",
-    ),
     "German dates": ("Datum;Strom [A];Spannung [V]", "01.02.2026 1{clock};{ampere};{volt}"),
-    "Chinese": ("总时间(s),电流(A),电压(V)", "{second},{ampere},{volt}"),
     "an index without a name": (f",{TIME},{CURRENT},{VOLTAGE}", "1,{second},{ampere},{volt}"),
     # Of three electrodes, Ewe is the voltage that an .mpr of the same record has too.
     "three electrodes": (
@@ -283,15 +267,6 @@ def test_the_voltage_of_a_working_electrode_is_said_to_be_that(tmp_path, beside,
         np.testing.assert_allclose(record.voltage_v, VOLTS - 0.1, rtol=1e-5)
 
 
-def test_a_clock_of_the_steps_need_not_begin_at_zero():
-    step = np.arange(300) // 3
-    table = TABLE.with_columns(
-        pl.Series("Step Index / 1", step), pl.Series(TIME, 1.0 + np.arange(300) % 3)
-    )
-    record = record_from_frame(table)
-    np.testing.assert_allclose(np.diff(record.time_s), 1)
-
-
 def test_units_below_the_names_of_a_workbook_are_theirs(tmp_path):
     rows = [[second, 1e3 * ampere, volt] for second, ampere, volt in ROWS]
     content = workbook({"cell": [["Time", "Current", "Voltage"], ["s", "mA", "V"], *rows]})
@@ -343,10 +318,4 @@ def test_a_pipe_and_the_standard_input_are_read_once(tmp_path, monkeypatch):
 )
 def test_a_binary_file_that_cannot_be_read_says_what_to_export(tmp_path, content, words):
     with pytest.raises(InputError, match=f"{words}.*(export|copy)"):
-        read(tmp_path, content)
-
-
-def test_a_bad_cell_in_the_clock_of_the_steps_is_refused_with_its_row(tmp_path):
-    content = WRITERS["Neware CSV, step clock"](TABLE).replace(b"00:00:3.0", b"00:00:three", 1)
-    with pytest.raises(InputError, match=r"row \d+: .*Time\(h:min:s\.ms\)"):
         read(tmp_path, content)

@@ -102,13 +102,6 @@ def test_a_column_of_mean_currents_is_held_backward(tmp_path):
     assert "'<I>/mA' is the mean current" in decision.reason
 
 
-def test_counters_of_some_nanoampere_hours_prove_the_hold(tmp_path):
-    frame = counted("backward")
-    small = [pl.col(name) * 1e-6 for name in frame.columns if "Ah" in name or "/ A" in name]
-    decision = decided(tmp_path, frame.with_columns(small))
-    assert (decision.value, decision.strength) == ("backward", "strong")
-
-
 def test_steps_in_time_with_the_log_outweigh_a_cycle_on_its_own_clock(tmp_path):
     frame = counted("backward")
     # Inside the cycle the current switches halfway between samples, at step changes with them.
@@ -147,18 +140,3 @@ def test_a_given_hold_is_taken_and_the_proof_against_it_told(tmp_path):
     decision = decided(tmp_path, counted("backward"), current_hold="forward")
     assert (decision.value, decision.strength) == ("forward", "given")
     assert "although" in decision.reason
-
-
-@pytest.mark.parametrize(("logged", "hold"), [("means", "centered"), ("instants", "forward")])
-def test_levels_that_change_through_parts_of_both_are_means_of_slow_rows(tmp_path, logged, hold):
-    rng = np.random.default_rng(1)
-    levels = rng.uniform(-1, 2, 400)
-    # Steps that last longer than rows, and begin anywhere in them.
-    current = np.repeat(levels, rng.integers(25, 90, 400))
-    current = current[: len(current) // 10 * 10]
-    voltage = simulated_cell(current)
-    rows = [each.reshape(-1, 10) for each in (current, voltage)]
-    current, voltage = (each.mean(axis=1) if logged == "means" else each[:, 0] for each in rows)
-    clock = 10.0 * np.arange(len(current))
-    table = {"Test Time / s": clock, "Current / A": -current, "Voltage / V": voltage}
-    assert decided(tmp_path, pl.DataFrame(table)).value == hold

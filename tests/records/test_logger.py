@@ -1,25 +1,19 @@
 """The sampling of the current belongs to the logger: decided once over all its records."""
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
-from scipy.signal import lfilter
 
 from barnax.inputs import read_inputs
 from barnax.job import Job
 from barnax.records import Decision, read_record, record_from_frame
 from barnax.records.hold import sampled
 from barnax.records.logger import Logger, SamplingEvidence, SlowRows, loggers_of
-from helpers.records import CURRENT, TIME, VOLTAGE
+from helpers.records import CURRENT, TIME, VOLTAGE, simulated_cell
+from helpers.shared import CASES, needs_cases
 from records.test_hold import counted
 from records.test_slow_log import log
 
-SHARED = Path(os.environ.get("BARNAX_SHARED_DATA", Path(__file__).parents[3] / "shared" / "data"))
-
-
-HOLD = SHARED.parent / "cases" / "systems" / "hold"
+HOLD = CASES / "systems" / "hold"
 
 
 def in_time(seed, share=0.7):
@@ -29,11 +23,7 @@ def in_time(seed, share=0.7):
     lengths = np.where(rng.random(900) < share, 1, rng.integers(2, 4, 900))
     levels_a = np.where(rng.random(900) < 0.15, 0.0, rng.normal(0.9, 1.2, 900))
     current_a = np.repeat(levels_a, lengths)[:1440]
-    voltage_v = 4.1 - 0.6 * np.append(0.0, np.cumsum(current_a)[:-1]) * 5 / 3600 / 2.5
-    voltage_v -= 0.03 * current_a
-    for ohm, tau_s in ((0.01, 9.0), (0.015, 130.0)):
-        kept = np.exp(-5 / tau_s)
-        voltage_v -= lfilter([0.0, (1 - kept) * ohm], [1.0, -kept], current_a)
+    voltage_v = simulated_cell(current_a, 5.0, r0=0.03, capacity_ah=2.5, soc=1.0)
     voltage_v += 1e-3 * rng.standard_normal(len(voltage_v))
     return {TIME: 5.0 * np.arange(len(current_a)), CURRENT: -current_a, VOLTAGE: voltage_v}
 
@@ -103,7 +93,7 @@ def test_records_of_one_call_are_of_one_logger(tmp_path, bundled_cell):
     assert [one.hold.value for one in (*inputs.records, *inputs.validation)] == ["backward"] * 2
 
 
-@pytest.mark.skipif(not HOLD.is_dir(), reason="needs the shared cases")
+@needs_cases
 def test_two_records_of_one_logger_are_read_alike():
     records = [read_record(path) for path in sorted(HOLD.glob("*.parquet"))]
     loggers = loggers_of(records)

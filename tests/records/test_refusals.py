@@ -64,6 +64,7 @@ def bad_later_sheet():
 REFUSED = {
     "a missing column": csv(FRAME.rename({CURRENT: "Current (C-rate)"})),
     "nothing like a record": b"name,colour\na,red\nb,blue\n",
+    "a letter": b"Dear Sir, hello\n\nI write, because, of, things\nYours, me\n",
     "an OCV table": b"SOC [-],OCV [V]\n0,3\n0.3,3.5\n0.6,3.7\n1,4.2\n",
     "an OCV table over the depth of discharge": b"DoD [-],OCV [V]\n0,3\n0.3,3.5\n0.6,3.7\n1,4.2\n",
     "a long header": b"<td>nothing</td> " * 500 + b"\n1\n",
@@ -122,18 +123,8 @@ def test_every_message_is_the_one_that_was_written_down(tmp_path):
     )
     # What the library says of a damaged file is its own.
     text = re.sub(r"cut short \(.*\);", "cut short (...);", text)
+    assert "--" not in text
     require_golden(Path(__file__).with_name("messages.txt"), text)
-
-
-def test_every_message_names_its_file_and_no_flag():
-    text = Path(__file__).with_name("messages.txt").read_text()
-    messages = re.findall(r"^  (.*)$", text, re.M)
-    assert len(messages) >= len(REFUSED) + len(TOLD)
-    assert all(message.startswith("cell.csv: ") for message in messages)
-    assert not any("--" in message for message in messages)
-    # Backticks hold options, alone or with a value.
-    for quoted in re.findall(r"`([^`]*)`", text):
-        assert re.fullmatch(r"[a-z_]+(='?[\w.,-]+'?|='[a-z ]+=[^']+')?", quoted)
 
 
 @pytest.mark.parametrize("rate", [1.0, 2.0, 4.0])
@@ -176,22 +167,15 @@ def test_what_is_no_file_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "columns", "told"),
+    ("columns", "says"),
     [
-        ("Zeit,Klemme\n0,3.7\n", "time=Uhr:s", "no column is called 'Uhr:s'.*'Zeit', 'Klemme'"),
-        (
-            "Zeit,Klemme\n0,3.7\n",
-            "time=Zeit:fortnight",
-            "unknown unit 'fortnight'.*s, ms, us, ns, min",
-        ),
-        ("Zeit,Klemme\n0,3.7\n", "time=Zeit:none", "unknown unit 'none' of 'Zeit'"),
-        ("Dear Sir, hello\n\nI write, because, of, things\nYours, me\n", "", "no table of meas"),
+        ("time=Uhr:s", "no column is called 'Uhr:s'"),
+        ("time=Zeit:fortnight", "unknown unit 'fortnight'"),
+        ("time=Zeit:none", "unknown unit 'none' of 'Zeit'"),
     ],
 )
-def test_a_wrong_column_unit_or_a_letter_is_told_as_such(tmp_path, text, columns, told):
-    (tmp_path / "odd.csv").write_text(text)
-    with pytest.raises(InputError, match=told):
-        read_record(tmp_path / "odd.csv", columns=columns)
+def test_a_wrong_column_or_unit_is_named(tmp_path, columns, says):
+    assert says in refusal(tmp_path, "Zeit,Klemme\n0,3.7\n", columns=columns)
 
 
 def test_all_columns_that_are_missing_are_said_at_once(tmp_path):

@@ -35,19 +35,6 @@ def test_slow_sweeps_and_their_steps_are_no_noise():
     assert record_of(current).rest_current_a(2.0) == 0.02
 
 
-def test_an_offset_of_the_tester_is_a_rest():
-    rested = record_of([19e-6, -19e-6, 0.0, 0.02, 1.0]).segments(0.02).is_rested
-    assert rested.tolist() == [True] * 3 + [False] * 2
-
-
-def test_the_direction_holds_through_rests_and_starts_as_told():
-    current = [0.0, 0.001, 1.0, 0.0, -0.001, -2.0, 0.001, 1.0]
-    expected = [1, 1, -1, -1, -1, 1, 1, -1]
-    segments = record_of(current).segments(0.02)
-    np.testing.assert_array_equal(segments.directions(), expected)
-    assert segments.directions(initial=-1)[:2].tolist() == [-1, -1]
-
-
 @given(current=CURRENTS, initial=st.sampled_from([-1, 1]), threshold=st.sampled_from([0.0, 0.05]))
 def test_the_direction_is_that_of_a_plain_loop(current, initial, threshold):
     last, expected = initial, []

@@ -3,14 +3,13 @@
 import numpy as np
 import polars as pl
 import pytest
-from scipy.signal import lfilter
 
 from barnax import InputError
 from barnax.checks import check_file
 from barnax.records import record_from_frame, source_from_frame
 from barnax.records.record import in_means
-from helpers.known_cell import R0_OHM, R_OHM, TAU_S, ocv_v
 from helpers.problems import drive_a
+from helpers.records import simulated_cell
 
 LOADED, CAPACITY_AH = 6000, 2.0
 
@@ -30,11 +29,7 @@ def drive(rests=60, resting_s=(5, 900), seed=0):
         for part in (load, np.zeros(draw.integers(*resting_s)))
     ]
     current_a = np.concatenate(parts)
-    soc = 1 - np.append(0.0, np.cumsum(current_a[:-1])) / 3600 / CAPACITY_AH
-    voltage_v = ocv_v(soc) - R0_OHM * current_a
-    for r_ohm, tau_s in zip(R_OHM, TAU_S, strict=True):
-        kept = np.exp(-1 / tau_s)
-        voltage_v -= lfilter([0.0, r_ohm * (1 - kept)], [1.0, -kept], current_a)
+    voltage_v = simulated_cell(current_a, capacity_ah=CAPACITY_AH, soc=1.0)
     voltage_v += 3e-4 * draw.standard_normal(len(voltage_v))
     return np.arange(len(current_a), dtype=float), current_a, voltage_v
 

@@ -3,19 +3,18 @@
 import numpy as np
 import polars as pl
 import pytest
-from scipy.signal import lfilter
 
 import barnax
 from barnax.checks import check_file
 from barnax.records import record_from_frame, source_from_frame
-from helpers.records import CURRENT, TIME, VOLTAGE
+from helpers.records import CURRENT, TIME, VOLTAGE, simulated_cell
 
 EVERY = 10
 R0, PAIRS = 0.05, ((0.025, 17.0), (0.03, 150.0))
 
 
 def drive(seed):
-    """A load of accelerations, cruises, brakes and stops at 1 s, and its voltage from full."""
+    """A load of accelerations, cruises, brakes and stops at 1 s."""
     rng = np.random.default_rng(seed)
     pieces, seconds = [], 0
     while seconds < 11_000:
@@ -28,23 +27,16 @@ def drive(seed):
             np.zeros(stop),
         ]
         seconds += up + cruise + down + stop
-    current_a = np.concatenate(pieces)
-    return current_a, voltage_of(current_a)
+    return np.concatenate(pieces)
 
 
-def voltage_of(current_a):
-    """The voltage from full, a second a sample."""
-    soc = 1 - np.append(0.0, np.cumsum(current_a)[:-1]) / 3600 / 2.5
-    voltage_v = 3.2 + 0.8 * soc + 0.08 * np.tanh((soc - 0.6) / 0.1) - R0 * current_a
-    for ohm, tau_s in PAIRS:
-        kept = np.exp(-1 / tau_s)
-        voltage_v -= lfilter([0.0, (1 - kept) * ohm], [1.0, -kept], current_a)
-    return voltage_v
+CELL = {"r0": R0, "capacity_ah": 2.5, "soc": 1.0, "pairs": PAIRS}
 
 
 def log(seed, rows, every=EVERY, step_v=0.0):
     """What a logger writes of it: instants or means, with noise and steps of the reading."""
-    current_a, voltage_v = drive(seed)
+    current_a = drive(seed)
+    voltage_v = simulated_cell(current_a, **CELL)
     count = len(current_a) // every
     parts = [each[: count * every].reshape(count, every) for each in (current_a, voltage_v)]
     amps, volts = (each[:, 0] if rows == "instants" else each.mean(axis=1) for each in parts)
@@ -97,7 +89,7 @@ def calm(seed, in_time):
     levels_a = np.select([kind < 0.2, kind < 0.35], [0.0, -1.0], 2.5) * rng.random(len(lengths))
     current_a = levels_a.repeat(lengths)
     current_a = current_a[: np.argmax(np.cumsum(current_a) > 0.9 * 3600 * 2.5)]
-    amps, volts = current_a[::EVERY], voltage_of(current_a)[::EVERY]
+    amps, volts = current_a[::EVERY], simulated_cell(current_a, **CELL)[::EVERY]
     volts = volts + 1e-3 * rng.standard_normal(len(volts))
     return {TIME: float(EVERY) * np.arange(len(amps)), CURRENT: -amps, VOLTAGE: volts}
 

@@ -1,9 +1,7 @@
 """Records come from files of any name and from data frames of any library, by the same rules."""
 
-import gc
 import os
 import sys
-import weakref
 from dataclasses import replace
 from pathlib import Path
 
@@ -129,12 +127,3 @@ def test_writing_to_what_a_record_was_made_from_does_not_change_it():
     current_a[3], time_s[3] = 7.0, -1.0
     assert (record.current_a == 1).all()
     assert (np.diff(record.time_s) > 0).all()
-
-
-def test_what_was_examined_of_a_file_is_let_go_with_it():
-    source = source_from_frame(FRAME, "pulses")
-    assert check_file(source).facts
-    table = weakref.ref(source.table)
-    del source
-    gc.collect()
-    assert table() is None

@@ -88,7 +88,7 @@ def written(content, says="", **options):
 SAME = {
     "blanks, names twice and commas at the end": written(
         "Exclude,Time(s),Loop,Loop, Current(A),Voltage(V),\r\n" + PADDED),
-    "blank lines": written("\n".join([NAMES, *LINES[:10], "", ",,", *LINES[10:], "", ""])),
+
     "columns of blanks": written(f"  {NAMES.replace(',', '   ')}\n{IN_BLANKS}"),
     "names with a mark of comments": written("# " + CSV),
     "zero bytes at the end": written(CSV + 1_000_000 * "\0"),
@@ -232,10 +232,6 @@ REFUSED = {
         APART.sort(TIME),
         f"'{VOLTAGE}' and '{CURRENT}' have values together in no row; join them by time",
     ),
-    "open leads in mV": (
-        FRAME.with_columns(pl.lit(0.2).alias(VOLTAGE)).rename({VOLTAGE: "Voltage(mV)"}),
-        "no cell is connected",
-    ),
     "open leads": (FRAME.with_columns(pl.lit(1e-6).alias(VOLTAGE)), "no cell is connected"),
     "vectors of unknown names": (
         savemat({"x1": TIMES, "x2": AMPS, "x3": VOLTS}),
@@ -286,28 +282,36 @@ def test_thousands_are_told_from_decimals(tmp_path, mark):
     np.testing.assert_allclose(record.voltage_v, 3.7)
 
 
-def test_a_cell_that_is_no_number_leaves_the_thousands_of_its_column(tmp_path):
-    rows = [f'{k}.5,1.5,"3,6{k:02}"' for k in range(20)]
-    rows[7] = "7.5,1.5,---"
-    (tmp_path / "cell.csv").write_text("\n".join(["Time / s,Current / A,Voltage / mV", *rows]))
-    errors = [one for one in check_file(tmp_path / "cell.csv").findings if one.severity == "error"]
-    assert [(one.code, one.row) for one in errors] == [("cells.no-number", 9)]
+def table_of(names, lines):
+    return "\n".join([names, *lines])
 
 
-def test_a_number_that_is_too_large_is_not_called_a_fraction(tmp_path):
-    table = FRAME.with_columns(pl.lit(25.0).alias("Temperature [degC]"))
-    table[7, "Temperature [degC]"] = 1e30
-    table.write_csv(tmp_path / "cell.csv")
-    (finding,) = check_file(tmp_path / "cell.csv").findings
-    assert (finding.code, finding.row) == ("cells.left-out", 9)
-    assert "'Temperature [degC]' contains 1e+30, where a number below 1e+20" in str(finding)
+# A text, and the code and row of its first finding; a word leaves the thousands of its column.
+FINDINGS = {
+    "a word": (
+        table_of("Time / s,Current / A,Voltage / mV",
+                 [f'{k}.5,1.5,"3,6{k:02}"' if k != 7 else "7.5,1.5,---" for k in range(20)]),
+        ("cells.no-number", 9),
+    ),
+    "a number that is too large": (
+        table_of(f"{NAMES},Temperature [degC]",
+                 [f"{line},{1e30 if k == 7 else 25.0}" for k, line in enumerate(LINES)]),
+        ("cells.left-out", 9),
+    ),
+    "signals in rows of their own": (
+        table_of("Zeit,Current / A,Voltage / V",
+                 [f"{k},{'' if k % 2 else 1.5},{3.7 if k % 2 else ''}" for k in range(40)]),
+        ("cells.apart", 0),
+    ),
+}  # fmt: skip
 
 
-def test_signals_in_rows_of_their_own_are_the_first_finding(tmp_path):
-    rows = [f"{k},{'' if k % 2 else 1.5},{3.7 if k % 2 else ''}" for k in range(40)]
-    (tmp_path / "cell.csv").write_text("\n".join(["Zeit,Current / A,Voltage / V", *rows]))
-    codes = [one.code for one in check_file(tmp_path / "cell.csv").findings]
-    assert (codes[0], "columns.missing" in codes) == ("cells.apart", True)
+@pytest.mark.parametrize("name", FINDINGS)
+def test_a_cell_that_cannot_be_used_is_a_finding_with_its_row(tmp_path, name):
+    text, expected = FINDINGS[name]
+    (tmp_path / "cell.csv").write_text(text)
+    first, *_ = check_file(tmp_path / "cell.csv").findings
+    assert (first.code, first.row or 0) == expected
 
 
 UNITS = {

@@ -253,21 +253,3 @@ def test_exchanged_columns_are_told_and_what_is_advised_reads_them(current_a):
         record_from_frame(table)
     (option,) = re.findall(r"columns='(.*)'`", str(caught.value))
     np.testing.assert_allclose(record_from_frame(table, columns=option).voltage_v, voltage_v)
-
-
-@pytest.mark.parametrize("late", [0, 1])
-def test_what_relaxes_within_a_minute_is_no_resistance_of_a_time_converted_twice(late):
-    """A sweep at C/40 and back, logged every minute: half a volt of its ends goes in a minute."""
-    hours = np.arange(0.0, 86.0, 1 / 60)
-    is_down, is_up = (hours >= 1) & (hours < 41), (hours >= 43) & (hours < 83)
-    current_a = np.where(is_down, -0.0625, np.where(is_up, 0.0625, 0.0))
-    soc = 1 + np.append(0, np.cumsum(current_a[:-1])) / 60 / 2.5
-    voltage_v = 3.2 + soc + 0.03 * current_a
-    for sign, last in ((-1, np.flatnonzero(is_down)[-1]), (1, np.flatnonzero(is_up)[-1])):
-        minutes = np.arange(len(hours)) - last
-        grown = np.clip(1 + minutes / 60, 0, 1) ** 3
-        voltage_v += sign * 0.5 * grown * np.exp(-np.maximum(minutes, 0))
-    voltage_v = np.append(np.repeat(voltage_v[0], late), voltage_v)[: len(hours)]
-    table = {"Time [s]": 3600 * hours, "Current [A]": current_a, "Voltage [V]": voltage_v}
-    findings = check_file(source_from_frame(table, "sweep")).findings
-    assert not [one for one in findings if one.check == "unit"]

@@ -113,17 +113,6 @@ def test_a_record_to_validate_on_is_checked_too(tmp_path, bundled_cell):
     assert ("twice.parquet", 42) in found
 
 
-def test_a_record_of_one_voltage_is_refused_for_that(bundled_cell):
-    dead = pl.read_parquet(BUNDLED.record).with_columns(pl.lit(3.7).alias("Voltage / V"))
-    told = "row 2: every voltage in 'Voltage / V' is 3.7 V.*give the column that holds"
-    with pytest.raises(InputError, match=f"^data frame: {told}"):
-        read(dead)
-    with pytest.raises(InputError, match=f"^validation data frame: {told}"):
-        read(BUNDLED.record, validate=[dead])
-    with pytest.raises(InputError, match=f"^data frame: {told}"):
-        read_validation(dead, Reading(), lambda _: None, bundled_cell)
-
-
 def refusal(record, **options):
     with pytest.raises(InputError) as caught:
         identify(record, ocv=BUNDLED.ocv, seeds=1, trust="none", **options)

@@ -1,7 +1,6 @@
 """Every code that barnax tells is registered, made somewhere, and has its words."""
 
 import ast
-import re
 import tomllib
 from collections.abc import Iterable
 
@@ -134,26 +133,3 @@ def test_a_decision_by_a_phrase_is_found(code):
 def test_nothing_decides_by_what_a_notice_says():
     found = {place(path): decisions_by_words(nodes_of(path)) for path in MODULES}
     assert {path: lines for path, lines in found.items() if lines} == {}
-
-
-def test_there_is_one_class_of_what_is_found():
-    classes = {
-        node.name
-        for path in MODULES
-        for node in nodes_of(path)
-        if isinstance(node, ast.ClassDef) and re.search("(Finding|Warning|Notice)s?$", node.name)
-    }
-    assert classes == {"Notice", "StoredNotice"}
-
-
-def test_warnings_are_nowhere_texts():
-    texts = [
-        f"{place(path)}:{node.lineno}"
-        for path in MODULES
-        for node in nodes_of(path)
-        if isinstance(node, ast.AnnAssign | ast.arg)
-        and getattr(node, "arg", getattr(getattr(node, "target", None), "id", "")) == "warnings"
-        and node.annotation is not None
-        and "str" in ast.unparse(node.annotation)
-    ]
-    assert texts == []

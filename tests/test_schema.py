@@ -67,29 +67,6 @@ def test_the_page_of_notices_is_that_of_the_code():
     assert (DOCS / "notices.md").read_text(encoding="utf-8") == notices_page()
 
 
-def test_a_stored_result_has_the_keys_that_the_schema_names():
-    schema = json.loads(PUBLISHED.read_text(encoding="utf-8"))
-    require_keys(DOCUMENT, schema, schema["$defs"])
-
-
-def require_keys(value: Any, schema: dict[str, Any], defs: dict[str, Any]) -> None:
-    """Every key is a property that the schema has, and none that it requires is missing."""
-    while "$ref" in schema:
-        schema = defs[schema["$ref"].rpartition("/")[2]]
-    if "anyOf" in schema and value is not None:
-        kind = {dict: "object", list: "array"}.get(type(value))
-        options = [each for each in schema["anyOf"] if each.get("type") != "null"]
-        if kind and len(options) == 1:
-            require_keys(value, options[0], defs)
-    elif isinstance(value, dict) and "properties" in schema:
-        assert set(schema.get("required", [])) <= set(value) <= set(schema["properties"])
-        for key, part in value.items():
-            require_keys(part, schema["properties"][key], defs)
-    elif isinstance(value, list) and isinstance(schema.get("items"), dict):
-        for part in value:
-            require_keys(part, schema["items"], defs)
-
-
 def put(place: str, value: Any) -> dict[str, Any]:
     """The document with the value at a place such as `search/key`; `...` deletes it."""
     changed: Any = copy.deepcopy(DOCUMENT)

@@ -106,12 +106,6 @@ def test_one_file_keeps_one_axis_when_the_recharge_stops_short(returned, capacit
     assert cell.charge_points[-1].soc == pytest.approx(returned, abs=1e-9)
 
 
-def test_a_given_capacity_scales_the_axis_of_one_file():
-    cell = characterize([both_ways()], capacity_ah=2.02, ocv_fit="interpolated")
-    assert cell.discharge_points[-1].soc == 1.0
-    assert cell.discharge_points[0].soc == pytest.approx(1 - CAPACITY_AH / 2.02, abs=1e-9)
-
-
 def test_a_test_split_over_files_is_joined_at_the_rest_they_share():
     half = half_discharge()
     upper = driven(half, name="upper.csv")
@@ -119,18 +113,6 @@ def test_a_test_split_over_files_is_joined_at_the_rest_they_share():
     whole = characterize([discharge_only()])
     joined = characterize([lower, upper])
     np.testing.assert_allclose(joined.discharge(GRID), whole.discharge(GRID), atol=1e-9)
-
-
-def test_conditioning_before_the_test_is_left_out():
-    parts = REST, pulses(+1, 1, share=0.4), pulses(-1), pulses(+1)
-    cell = characterize([driven(*parts, start_soc=0.6, direction=-1)], ocv_fit="interpolated")
-    np.testing.assert_allclose(cell.charge(GRID), branch_v(GRID, +1), atol=1e-9)
-
-
-def test_a_small_top_up_belongs_to_the_sweep_of_its_direction():
-    parts = REST, pulses(+1, share=0.99), np.full(6, -0.2), REST
-    cell = characterize([driven(*parts, start_soc=0.0, direction=-1)])
-    assert len(cell.charge_points) == 22
 
 
 def test_the_errors_of_the_branches_cancel_in_the_average():
@@ -158,12 +140,6 @@ def test_rests_of_both_directions_come_before_slow_sweeps(slow):
     assert (len(cell.discharge_points), len(cell.charge_points)) == (17, 17)
 
 
-def test_a_few_pulses_after_a_slow_discharge_are_not_the_test():
-    few = pulses(+1, 5, share=0.3), pulses(-1, 5, share=0.3)
-    cell = characterize([driven(REST, steady(-1, 20), REST, *few)])
-    assert len(cell.discharge_points) == 101
-
-
 # Records that hold more than their OCV test, and testers that never read zero
 
 
@@ -187,18 +163,8 @@ def half_discharge():
     return np.concatenate([REST, pulses(-1, 10, share=0.5)])
 
 
-def assumptions(cell):
-    return [each for each in cell.warnings if each.code == "ocv-test.capacity-assumed"]
-
-
 def scaled(record, factor: float):
     return replace(record, current_a=record.current_a * factor)
-
-
-def test_a_test_that_only_reaches_empty_does_not_show_that_it_began_full():
-    parts = half_discharge()[:-63], REST, pulses(+1, 10, share=0.475)
-    cell = characterize([driven(*parts, start_soc=0.5)])
-    assert len(assumptions(cell)) == 1
 
 
 @pytest.mark.parametrize("test", [between_cutoffs, lambda: slow_sweep(-1)])
@@ -235,13 +201,6 @@ def test_a_charge_that_stops_at_92_percent_is_scaled_by_the_capacity():
     assert cell.charge_points[-1].soc == pytest.approx(0.92, abs=1e-9)
     (told,) = [each for each in cell.warnings if each.code == "ocv-test.scaled"]
     assert "1.84 Ah, the capacity is 2 Ah: its SOC is scaled by the capacity" in told.what
-
-
-def test_two_files_that_agree_are_scaled_by_their_own_charge_and_say_so():
-    records = [scaled(discharge_only(), 0.92), scaled(charge_only(), 0.92)]
-    cell = characterize(records, capacity_ah=CAPACITY_AH, ocv_fit="interpolated")
-    assert cell.soc_range == pytest.approx((0.0, 1.0), abs=1e-9)
-    assert [each.values.get("by") for each in cell.warnings].count("own") == 2
 
 
 @pytest.mark.parametrize("share", [0.981, 1.0, 1.019])

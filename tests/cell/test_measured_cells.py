@@ -15,31 +15,16 @@ VIRTUAL_CELL = Path(__file__).parents[2] / "data" / "virtual_cell"
 TENTHS = np.arange(1, 10) / 10
 
 
-@pytest.fixture(scope="module")
-def incremental(real_data: Path):
-    return read_record(real_data / INCREMENTAL)
-
-
-@pytest.fixture(scope="module")
-def samsung(incremental):
-    return characterize([incremental], ocv_fit="interpolated")
-
-
-def test_the_samsung_cell_has_the_published_rested_voltages(samsung):
+def test_the_samsung_cell_has_the_published_rested_voltages_gap_and_capacity(real_data: Path):
+    samsung = characterize([read_record(real_data / INCREMENTAL)], ocv_fit="interpolated")
     # SP20-3 after 2 h of rest, SOC by 1.996 Ah. The table interpolates linearly.
     points = samsung.discharge_points
     linear_v = np.interp(TENTHS, [p.soc for p in points], [p.voltage_v for p in points])
     published_v = [3.4731, 3.5628, 3.6017, 3.6292, 3.6719, 3.7599, 3.8477, 3.9480, 4.0583]
     np.testing.assert_allclose(linear_v, published_v, atol=1.1e-3)
-
-
-def test_the_samsung_cell_has_the_published_gap(samsung):
     gap_mv = 1e3 * (samsung.charge(TENTHS) - samsung.discharge(TENTHS))
     published_mv = [14.0, 17.8, 10.4, 10.6, 7.8, 11.3, 12.5, 11.8, 10.4]
     np.testing.assert_allclose(gap_mv, published_mv, atol=1.0)
-
-
-def test_the_samsung_test_measures_the_published_capacity(samsung):
     assert samsung.capacity_ah == pytest.approx(1.9960, abs=5e-4)
     assert samsung.capacity_origin.startswith("measured")
     assert samsung.warnings == ()

@@ -92,37 +92,34 @@ def test_pulses_below_a_hundredth_of_the_capacity_are_points_of_their_own(size):
     assert [len(sweep.points) for sweep in sweeps] == [151, 151]
 
 
-@pytest.mark.parametrize("direction", [-1, 1])
-def test_pulses_against_the_sweep_neither_end_nor_extend_it(hold, size, direction):
-    moves = turned(direction, [[0.005, -0.055]] * 20)
-    (sweep,) = sweeps_of(moves, start_soc=START[direction], hold=hold, size=size)
-    assert len(sweep.points) == 21
-    np.testing.assert_allclose(extent(sweep, size), [0, -direction], atol=1e-12)
+# Moves of a discharge and the SOC before them; its points, and where it begins and ends.
+SWEEPS = {
+    "pulses against the sweep": ([[0.005, -0.055]] * 20, 1.0, 21, (0, 1)),
+    "a cycle that begins with a discharge": (
+        [*DOWN[:12], [-0.02, 0.02], *DOWN[:8]],
+        1.0,
+        13,
+        (0, 0.62),
+    ),
+    "a cycle that begins with a charge": (
+        [*DOWN[:12], [0.02, -0.02], *DOWN[:8]],
+        1.0,
+        13,
+        (0, 0.6),
+    ),
+    "no rest before it": ([[0.4, -0.05], *DOWN[1:]], 0.6, 20, (-0.4, 0.6)),
+    "no rest after it": ([*DOWN[1:], [-0.05, 0.4]], 1.0, 20, (0, 1)),
+}
 
 
 @pytest.mark.parametrize("direction", [-1, 1])
-@pytest.mark.parametrize(("cycle", "reached"), [([-0.02, 0.02], 0.62), ([0.02, -0.02], 0.6)])
-def test_a_cycle_between_two_rests_ends_a_sweep(hold, size, direction, cycle, reached):
-    moves = turned(direction, [*DOWN[:12], cycle, *DOWN[:8]])
-    (sweep,) = sweeps_of(moves, start_soc=START[direction], hold=hold, size=size)
-    assert len(sweep.points) == 13
-    np.testing.assert_allclose(extent(sweep, size), [0, -direction * reached], atol=1e-12)
-
-
-@pytest.mark.parametrize("direction", [-1, 1])
-def test_a_sweep_that_begins_without_a_rest_begins_where_the_charge_turned(hold, direction):
-    moves = turned(direction, [[0.4, -0.05], *DOWN[1:]])
-    (sweep,) = sweeps_of(moves, start_soc=0.5 - 0.1 * direction, hold=hold)
-    assert len(sweep.points) == 20
-    np.testing.assert_allclose(extent(sweep), [0.4 * direction, -0.6 * direction], atol=1e-12)
-
-
-@pytest.mark.parametrize("direction", [-1, 1])
-def test_a_sweep_that_ends_without_a_rest_ends_where_the_charge_turned(hold, direction):
-    moves = turned(direction, [*DOWN[1:], [-0.05, 0.4]])
-    (sweep,) = sweeps_of(moves, start_soc=START[direction], hold=hold)
-    assert len(sweep.points) == 20
-    np.testing.assert_allclose(extent(sweep), [0, -direction], atol=1e-12)
+@pytest.mark.parametrize("case", SWEEPS)
+def test_a_sweep_reaches_as_far_as_its_charge_went_one_way(hold, size, direction, case):
+    moves, soc, points, ends = SWEEPS[case]
+    start_soc = soc if direction < 0 else 1 - soc
+    (sweep,) = sweeps_of(turned(direction, moves), start_soc=start_soc, hold=hold, size=size)
+    assert len(sweep.points) == points
+    np.testing.assert_allclose(extent(sweep, size), -direction * np.array(ends), atol=1e-12)
 
 
 def test_neighboring_sweeps_end_and_begin_at_the_rest_between_them(hold):

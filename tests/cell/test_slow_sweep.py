@@ -45,16 +45,6 @@ def test_a_slow_sweep_is_thinned_to_101_points_from_empty_to_full():
     np.testing.assert_allclose([p.soc for p in points], np.linspace(0, 1, 101), atol=2e-4)
 
 
-def test_one_file_may_hold_both_sweeps():
-    down = CURRENT_A * SWEEP
-    record = driven(REST, down, REST, -down, REST, interval_s=10.0)
-    cell = characterize([record], ocv_fit="interpolated")
-    overpotential_v = 2 * RESISTANCE_OHM * CURRENT_A
-    gap_v = cell.charge(INNER) - cell.discharge(INNER)
-    expected_v = branch_v(INNER, 1) - branch_v(INNER, -1) + overpotential_v
-    np.testing.assert_allclose(gap_v, expected_v, atol=1e-4)
-
-
 def test_each_slow_sweep_is_scaled_by_its_own_charge():
     shorter = sweep(+1)
     shorter = replace(shorter, current_a=shorter.current_a * 0.9)
@@ -70,14 +60,6 @@ def test_a_charge_that_nearly_closes_in_its_record_ends_where_the_charge_says(re
     cell = characterize([record], capacity_ah=1.01 * CAPACITY_AH)
     assert cell.charge_points[-1].soc == pytest.approx(end, abs=2e-4)
     assert cell.discharge_points[0].soc == pytest.approx(0.0, abs=2e-4)
-
-
-def test_a_short_pause_does_not_end_a_slow_sweep():
-    record = sweep(-1)
-    current_a = record.current_a.copy()
-    current_a[4000:4006] = 0.0
-    cell = characterize([replace(record, current_a=current_a)], ocv_fit="interpolated")
-    assert len(cell.discharge_points) == 101
 
 
 @pytest.mark.parametrize("direction", [-1, 1])

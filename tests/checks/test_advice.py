@@ -80,24 +80,12 @@ def test_what_lies_outside_the_window_is_told_no_more(bundled_cell):
 
 DRIVE = frame()
 TIME_S, CURRENT_A, VOLTAGE_V = (DRIVE[name].to_numpy() for name in DRIVE.columns[:3])
-# Away from its first and last minutes, one in so many samples.
-SPIKED = np.arange(200, len(DRIVE) - 200, 550)[:35]
 # What a record is damaged by, what is said of it, and the option that mends it, if one does.
 DAMAGED = {
     "counters prove that the current is half": (
         changed(with_counters(DRIVE), CURRENT, CURRENT_A / 2),
         "the current is 0.5 times what the tester counted, throughout",
         "",
-    ),
-    "0.28 Ah lie in a hole": (
-        FAULTS["a gap under load"][0],
-        "a gap of 601 s; the voltage moves by up to 71.6 mV across, and up to 0.28 Ah are in doubt",
-        "`start_time`",
-    ),
-    "35 spikes of 0.3 V": (
-        changed(DRIVE, "Voltage / V", VOLTAGE_V[SPIKED] + 0.3, SPIKED),
-        "no current explains it (35 samples)",
-        "delete these rows",
     ),
     "its time is in minutes": (
         changed(DRIVE, "Test Time / s", TIME_S / 60),
@@ -108,16 +96,6 @@ DAMAGED = {
         DRIVE.with_columns(pl.Series("Voltage 2 [V]", VOLTAGE_V + 0.02 * CURRENT_A)),
         "differ by 20 mohm times the current",
         "`columns='voltage=Voltage 2 [V]'`",
-    ),
-    "amperes and milliamperes disagree": (
-        DRIVE.with_columns(pl.Series("I [mA]", 900 * CURRENT_A)),
-        "disagree: the second is 0.9 times the first",
-        "`columns='current=I [mA]'`",
-    ),
-    "a current a thousand times too small": (
-        changed(DRIVE, CURRENT, CURRENT_A / 1000),
-        "its current is a thousand times too small",
-        "",
     ),
     "a capacity that it does not have": (
         changed(DRIVE, CURRENT, CURRENT_A * 0.75),
@@ -150,12 +128,3 @@ def test_an_error_that_a_damaged_record_leads_to_stands_before_what_was_found(bu
     first, *others = str(problem.value).splitlines()
     assert "its charge does not fit its voltage: by it the cell is empty before row" in first
     assert any("the current were twice what flowed" in text for text in others)
-
-
-def test_the_column_that_is_named_is_the_right_one(bundled_cell):
-    table, _, _ = DAMAGED["two voltages differ by a lead"]
-    columns = {"voltage": "Voltage 2 [V]"}
-    source = source_from_frame(table, "cell", columns=columns)
-    record, texts = read_validation(source, Reading(), lambda _: None, bundled_cell)
-    assert texts == []
-    np.testing.assert_array_equal(record.voltage_v, VOLTAGE_V + 0.02 * CURRENT_A)

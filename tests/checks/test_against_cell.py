@@ -136,15 +136,12 @@ def test_temperatures_far_from_every_ocv_test_are_told():
     assert compare_temperatures(records, tests[2:]) == []
 
 
-def test_a_record_in_fahrenheit_is_told_beside_an_ocv_test_in_celsius():
-    (found,) = compare_temperatures([("drive", 77.0)], [("ocv", 25.0)])
-    assert (found.code, found.values["of"]) == ("cell.temperature", "fahrenheit")
-    assert found.values["fahrenheit_degc"] == pytest.approx(25.0)
-
-
-def test_a_cold_record_behind_one_in_fahrenheit_is_told_by_itself():
-    told = compare_temperatures([("drive", 77.0), ("cold", -20.0)], [("ocv", 25.0)])
-    assert [found.values["of"] for found in told] == ["fahrenheit", "test"]
+def test_a_record_in_fahrenheit_is_told_beside_an_ocv_test_in_celsius_and_a_cold_one_by_itself():
+    warm, cold = compare_temperatures([("drive", 77.0), ("cold", -20.0)], [("ocv", 25.0)])
+    assert (warm.code, warm.values["of"], cold.values["of"]) == (
+        "cell.temperature", "fahrenheit", "test"
+    )  # fmt: skip
+    assert warm.values["fahrenheit_degc"] == pytest.approx(25.0)
 
 
 def test_a_record_of_another_resistance_among_some_is_named(bundled_record, validation_record):

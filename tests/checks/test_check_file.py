@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 import barnax.records.source
 from barnax.bundled import BUNDLED_NAMES, bundled_file
 from barnax.checks import check_file
-from barnax.errors import InputError
 from barnax.records import read_record, read_source, source_from_frame
 from helpers.records import CURRENT, TIME, VOLTAGE, changed, checked, counting, frame
 
@@ -52,12 +51,6 @@ def test_many_faults_are_all_found_at_once(tmp_path):
     }
     severities = [finding.severity for finding in outcome.findings]
     assert severities == sorted(severities, key=["error", "warning", "note"].index)
-
-
-@pytest.mark.parametrize("capacity_ah", [0.0, -2.0, float("nan")])
-def test_a_capacity_that_is_none_is_refused(capacity_ah):
-    with pytest.raises(InputError, match="`capacity` must be positive"):
-        check_file(bundled_file("validation"), capacity_ah=capacity_ah)
 
 
 @pytest.mark.slow

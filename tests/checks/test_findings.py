@@ -339,16 +339,6 @@ def test_a_spike_beside_a_late_voltage_is_found_at_its_row(tmp_path, late, colum
     assert found(outcome, "spikes").row == 3003
 
 
-@pytest.mark.parametrize("late", [3, -3])
-def test_a_late_voltage_that_stands_still_is_found_at_its_rows(tmp_path, late):
-    table = DRIVE.with_columns(pl.col(VOLTAGE).shift(late)).drop_nulls()
-    still = changed(table, VOLTAGE, array(table, VOLTAGE)[3000], np.arange(3000, 3400))
-    told = found(checked(tmp_path, still), "stuck")
-    # The ends of a run may be of the moments beside it.
-    assert told.row == told.values["first_row"] == 3003
-    assert told.values["last_row"] == 3400
-
-
 def test_a_short_pulse_that_the_voltage_answers_is_no_spike(tmp_path):
     current_a = np.where(np.arange(3000) % 100 == 50, 4.0, 0.5 * (np.arange(3000) // 500 % 2))
     table = logged(np.arange(3000.0), -current_a, simulated_cell(current_a))
@@ -538,18 +528,3 @@ def test_no_more_charge_is_in_doubt_than_passed(tmp_path):
     lower = changed(DRIVE[:120], VOLTAGE, array(DRIVE, VOLTAGE)[after] - 0.05, after)
     what = found(checked(tmp_path, changed(lower, TIME, cut_s)), "gaps").what
     assert "what passed meanwhile was not logged" in what
-
-
-@pytest.mark.parametrize("late", [0.0, 0.1, 0.4])
-def test_a_late_voltage_knows_what_each_sample_shows(tmp_path, late):
-    rng = np.random.default_rng(0)
-    current_a = np.repeat(rng.uniform(-1, 2, 200), rng.integers(2, 20, 200))
-    voltage_v = simulated_cell(current_a)
-    voltage_v[1:] -= late * np.diff(voltage_v)
-    outcome = checked(tmp_path, logged(1.0 * np.arange(len(current_a)), -current_a, voltage_v))
-    if not late:
-        assert outcome.is_clean
-        return
-    told = found(outcome, "late voltage").values
-    # By parts of a sample, what came at once is shared between it and the next.
-    assert told["missing_share"] == pytest.approx(late, abs=0.04)

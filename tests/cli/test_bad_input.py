@@ -38,19 +38,12 @@ FRAMES = {
     "no_current.csv": PART.drop(CURRENT),
     "nan [v2].csv": changed(PART, VOLTAGE, np.nan, [98]),
     "backward.csv": changed(PART, TIME, 3.5, [98]),
-    "milliamperes.csv": PART.with_columns(pl.col(CURRENT) * 1000),
-    "header.csv": PART[:0],
     "zero_volts.csv": changed(frame("validation")[:2000], VOLTAGE, 0.0, [98]),
     "no_rests.csv": discharging_without_rests(),
-    "deep.csv": frame("validation").with_columns(pl.col(CURRENT) - 8.0),
 }
 CONTENTS = {
     "empty.csv": b"",
     "noise.csv": np.random.default_rng(0).bytes(4096),
-    "swapped.toml": b'[bounds]\n"R0 [Ohm]" = [0.1, 0.01]',
-    "unknown.toml": b'[bounds]\n"R7 [Ohm]" = [1, 2]',
-    "single.toml": b'[bounds]\n"R0 [Ohm]" = 0.1',
-    "twice.toml": b'[bounds]\n"C1 [F]" = [1, 2]\n"tau1 [s]" = [1, 2]',
     "table.toml": b'[box]\n"R0 [Ohm]" = [1, 2]',
     "broken.toml": b"[bounds\n",
 }
@@ -58,12 +51,8 @@ CONTENTS = {
 FILES = [
     *((name, *OCV) for name in (*FRAMES, *CONTENTS) if name.endswith(".csv")),
     (RECORD, "--ocv", "no_rests.csv"),
-    (RECORD, "--ocv", "nan [v2].csv"),
     (RECORD, "--ocv", "absent.csv"),
-    (RECORD, "--ocv", VALIDATION),
-    (RECORD, *OCV, "--validate", "backward.csv"),
     (RECORD, *OCV, "--validate", "zero_volts.csv"),
-    (RECORD, *OCV, "--validate", "deep.csv", "--initial-soc", "0.9"),
     (RECORD, *OCV, "--validate", RECORD),
     (RECORD, *OCV, "--validate", "part.csv"),
     (RECORD, "copy.parquet", *OCV),
@@ -77,28 +66,21 @@ OPTIONS = [
     ("--method", "nope"),
     ("--model", "nope"),
     ("--population", "100000000"),
-    ("--seeds", "1000000000"),
     ("--seeds", "-1"),
     ("--score-from", "2000"),
     ("--score-from", "1e9", "--score-to", "2e9"),
     ("--score-steps", "7;8"),
     ("--score-steps", "7"),
     ("--score-soc", "0.9,0.1"),
-    ("--score-soc", "0.1"),
-    ("--start-after-step", "3"),
     ("--start-time", "-5"),
     ("--start-time", "5", "--start-after-step", "3"),
     ("--initial-soc", "80"),
     ("--initial-soc", "0.02"),
     ("--initial-soc", "other.csv=0.9"),
     ("--initial-direction", "0"),
-    ("--rest-current", "-1"),
     ("--rest-current", "50"),
-    ("--capacity", "-2"),
-    ("--capacity", "0"),
     ("--capacity", "nan"),
     ("--capacity", "20"),
-    ("--fix", "C1 [F]"),
     ("--fix", "C1 [F]=lots"),
     ("--fix", "R9 [Ohm]=1"),
     ("--fix", "R0 [Ohm]=-1"),
@@ -107,30 +89,19 @@ OPTIONS = [
 ]
 COMMANDS = [
     ("export", "result.json", "--to", "spice"),
-    ("export", "result.json", "--to", "c"),
     ("export", "result.json", "--to", "csv", "--verify"),
     ("export", "result.json", "--to", "csv", "--out", "result.json", "--force"),
-    *(
-        ("export", "result.json", "--to", "csv", "--out", out)
-        for out in ("x", ".", "empty.csv/in", 300 * "x")
-    ),
-    *(
-        ("export", name, "--to", "csv")
-        for name in ("absent.json", "empty.csv", "other.json", "noise.csv")
-    ),
+    *(("export", "result.json", "--to", "csv", "--out", out) for out in ("x", ".", "empty.csv/in")),
+    *(("export", name, "--to", "csv") for name in ("absent.json", "other.json", "noise.csv")),
     ("compare", "--models", "so-rc,rc"),
     ("compare", "--methods", "ls,guess"),
-    ("compare", "--ocv", "test.csv"),
     ("compare", "folder"),
     ("compare", "plan.toml"),
-    ("compare", "absent.csv"),
     ("soc", "result.json", VALIDATION, "--estimate", "offset,R9"),
     ("soc", "result.json", VALIDATION, "--voltage-lag", "other.csv=1"),
-    ("validate", "absent.json", VALIDATION),
     ("validate", "result.json", "backward.csv"),
     ("validate", "result.json", VALIDATION, "--current-sign", "discharge-positive"),
     ("validate", "result.json", VALIDATION, "--initial-soc", "other.csv=1"),
-    ("validate", "result.json", VALIDATION, "--voltage-lag", "other.csv=1"),
     ("pack", RECORD, "--validate", VALIDATION),
     *(("identify", *words) for words in (("--nodes", "5"), ("--folds=0",), ("--no-rising-ocv",))),
 ]
@@ -171,22 +142,6 @@ def test_every_refusal_is_one_message_that_says_what_to_do(
         assert message.startswith(("error: ", "Error: "))
         told += [f"$ barnax {' '.join([*given, *words])}", message.replace(str(tmp_path), ".")]
     require_golden(GOLDEN / f"refusals-{golden}.txt", without_blanks("\n".join(told)))
-
-
-@pytest.mark.parametrize(
-    ("words", "choices"),
-    [
-        (("--coordinates", "nope"), ("rc", "log")),
-        (("--current-sign", "nope"), ("charge-positive", "discharge-positive")),
-        (("--trust", "deep"), ("none", "basic", "full")),
-        (("--iterations", "x"), ("--iterations", "integer")),
-        (("--frce",), ("--frce", "--force")),
-    ],
-)
-def test_what_the_parser_can_tell_is_a_usage_error_that_lists_the_choices(refuse, words, choices):
-    message = refuse("identify", *BUDGET, *words)
-    assert message.startswith("Usage: ")
-    assert all(choice in message for choice in choices)
 
 
 @pytest.mark.parametrize(

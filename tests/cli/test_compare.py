@@ -94,13 +94,6 @@ def test_a_folder_is_planned_and_its_circuits_are_ranked_before_its_methods(run,
     assert roles["validation.parquet"] == "validation"
 
 
-@pytest.mark.slow
-def test_json_goes_to_stdout_alone(run, tmp_path):
-    outcome = run("compare", "--models", "so-rc", "--methods", "ls", *COMMON, "--json")
-    assert json.loads(outcome.out)["rows"][0]["method"] == "ls"
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_second_record_is_refused_rather_than_left_out():
     records = [BUNDLED.record, BUNDLED.validation]
     with pytest.raises(InputError, match="uses one record, but 2 were given"):

@@ -121,28 +121,20 @@ def test_what_cannot_be_read_is_told_and_the_rest_is_planned(folder):
 
 
 def test_records_are_joined_with_an_ocv_test_of_their_own_temperature_only(folder):
-    cold = frame().with_columns(at(-5.0), pl.col(VOLTAGE) - 0.03 * pl.col(CURRENT))
-    change(folder, "bcd", at(25.0))
+    cold = frame().with_columns(at(-30.0), pl.col(VOLTAGE) - 0.03 * pl.col(CURRENT))
+    change(folder, "bcd", at(0.0))
     cold.write_parquet(folder / "cold.parquet")
     found = plan(folder)
     assert roles(found)["c.parquet"] == "identification"
-    assert reason(found, "cold.parquet") == "measured at -5 degC, the OCV test at 25 degC"
+    assert reason(found, "cold.parquet") == "measured at -30 degC, the OCV test at 0 degC"
     (folder / "c.parquet").unlink()
     (folder / "a.parquet").unlink()
     lacking = plan(folder)
     assert roles(lacking)["cold.parquet"] == "identification"
     assert "there is no OCV test" in reason(lacking, "cold.parquet")
-    assert reason(lacking, "b.parquet") == "measured at 25 degC, and cold.parquet at -5 degC"
+    assert reason(lacking, "b.parquet") == "measured at 0 degC, and cold.parquet at -30 degC"
     given = plan(folder, ocv=[folder / "b.parquet", folder / "d.parquet"])
     assert roles(given)["cold.parquet"] == "identification"
-
-
-def test_an_ocv_test_at_0_degc_has_a_temperature(folder):
-    change(folder, "bcd", at(0.0))
-    warm = pl.read_parquet(BUNDLED.ocv[0]).with_columns(at(25.0), pl.col(VOLTAGE) + 1e-3)
-    warm.write_parquet(folder / "warm.parquet")
-    found = plan(folder)
-    assert reason(found, "warm.parquet") == "measured at 25 degC, the OCV test at 0 degC"
 
 
 def test_a_record_alone_shows_its_own_ocv_and_a_slow_sweep_alone_lacks_a_record(tmp_path):
@@ -209,21 +201,6 @@ def test_what_is_said_of_a_record_is_known_before_roles_are_chosen(folder):
         "measured at another temperature, the OCV test at 25 degC": "c.parquet (drive cycle at -10 "
         "degC), d.parquet (drive cycle at -20 degC)"
     }
-
-
-def test_a_slow_sweep_comes_before_a_pulse_test_which_is_validated_on(tmp_path):
-    shutil.copy(BUNDLED.record, tmp_path / "record.parquet")
-    whole = pl.read_parquet(bundled_file("hppc_25degC"))[:, :3]
-    sweep = slow_sweep(-1)
-    columns = {TIME: sweep.time_s, CURRENT: -sweep.current_a, VOLTAGE: sweep.voltage_v}
-    pl.DataFrame(columns).write_parquet(tmp_path / "sweep.parquet")
-    whole.write_parquet(tmp_path / "pulses.parquet")
-    for part in (whole, whole[: len(whole) // 2]):
-        part.write_parquet(tmp_path / "pulses.parquet")
-        served = roles(plan(tmp_path))
-        assert served["sweep.parquet"] == "OCV test"
-        assert served["record.parquet"] == "identification"
-        assert served["pulses.parquet"] == "validation"
 
 
 def test_a_table_is_an_ocv_test_whose_capacity_a_discharge_or_the_user_tells(tmp_path):
@@ -303,27 +280,6 @@ def test_records_of_several_temperatures_have_no_capacity_in_common(folder):
     assert window.temperature_degc == 10.0
 
 
-@pytest.mark.parametrize("role", ["records", "ocv", "validate"])
-@pytest.mark.parametrize("name", ["bad.csv", "missing.csv"])
-def test_a_named_file_that_cannot_be_read_is_refused_as_where_it_is_read(folder, name, role):
-    (folder / "bad.csv").write_text("hello\n1\n2\n")
-    given = {"records": folder / "c.parquet", "ocv": folder / "b.parquet", role: folder / name}
-    with pytest.raises(InputError) as read:
-        barnax.read_record(folder / name)
-    with pytest.raises(InputError) as planned:
-        plan_of(barnax.Job(**given))
-    assert (str(planned.value), planned.value.notice) == (str(read.value), read.value.notice)
-
-
-def test_sources_of_one_name_have_windows_of_their_own(folder):
-    (folder / "other").mkdir()
-    shutil.copy(folder / "c.parquet", folder / "other" / "a.parquet")
-    sources = [read_source(path / "a.parquet") for path in (folder, folder / "other")]
-    found = plan_of(barnax.Job(sources, ocv=folder / "b.parquet"))
-    assert [part.name for part in found.of_role("identification")] == ["a.parquet", "a.parquet 2"]
-    assert len(windows(found)) == 2
-
-
 def test_a_record_that_goes_on_where_another_ends_starts_from_there(folder):
     # Its counters began at neither full nor empty.
     table = with_counters(frame()).with_columns(pl.col("Discharging Capacity / Ah") + 0.7)
@@ -385,15 +341,3 @@ def test_records_of_another_cell_than_the_ocv_test_s_say_so(folder):
     assert found.missing.startswith("no record can be identified on with d.parquet")
     assert "the cell of the OCV test holds 0.02 Ah" in reason(found, "a.parquet")
     assert "b.bdf.json" not in roles(found)
-
-
-def test_a_record_of_another_cell_beside_one_that_fits_is_left_out(tmp_path, real_data):
-    samsung = real_data / "calce-inr18650-20r"
-    shutil.copy(samsung / "dst_25degC_80soc_SP20-2.parquet", tmp_path / "a.parquet")
-    shutil.copy(samsung / "ocv-incremental_25degC_SP20-3.parquet", tmp_path / "b.parquet")
-    other = pl.read_parquet(samsung / "us06_25degC_80soc_SP20-2.parquet")
-    doubled = [name for name in other.columns if "Current" in name or "Capacity" in name]
-    other.with_columns(pl.col(doubled) * 2).write_parquet(tmp_path / "c.parquet")
-    found = plan(tmp_path)
-    assert roles(found)["a.parquet"] == "identification"
-    assert reason(found, "c.parquet").startswith("it spans 4.11 Ah, and the cell of the OCV test")

@@ -10,11 +10,10 @@ import pytest
 import barnax
 from barnax.bundled import BUNDLED
 from barnax.errors import InputError
-from barnax.inputs import read_inputs
-from barnax.plan import Plan, plan, plan_from_toml, plan_of, plan_to_toml
+from barnax.plan import Plan, plan, plan_from_toml, plan_to_toml
 from barnax.plan.document import Part
 from barnax.plan.running import planned
-from barnax.records import read, read_record, source
+from barnax.records import read_record
 from barnax.reporting.wording import table
 from barnax.results import Result
 from cli.conftest import BUDGET, run_command
@@ -41,28 +40,6 @@ def by_hand():
         window=window,
         **SMALL,
     )
-
-
-def test_the_files_of_a_folder_are_examined_once_and_again_for_a_capacity_alone(
-    folder, monkeypatch
-):
-    seen = []
-    examined = read._examined
-
-    def counted(source, capacity_ah):
-        seen.append((source.name, capacity_ah))
-        return examined(source, capacity_ah)
-
-    monkeypatch.setattr(read, "_examined", counted)
-    job = barnax.Job(folder)
-    found = plan_of(job)
-    assert sorted(seen) == sorted((path.name, None) for path in folder.iterdir())
-    seen.clear()
-    read_inputs(planned(found, job))
-    # The charge of a record is judged by the capacity of the OCV test.
-    assert {name for name, _ in seen} == {BUNDLED.record.name, BUNDLED.validation.name}
-    assert len(seen) == 2
-    assert None not in {capacity_ah for _, capacity_ah in seen}
 
 
 def test_python_takes_a_folder(folder, by_hand):
@@ -223,22 +200,7 @@ def test_a_file_of_the_name_that_is_not_the_planned_one_is_not_taken(tmp_path, m
     (told,) = plan_from_toml("plan.toml").warnings
     assert (told.code, told.subject) == ("plan.other-file", "drive.csv")
     assert "path" not in told.values
-    # What cannot be read is refused where it is needed, and each file is read once.
-    read = []
 
-    def unreadable(path):
-        read.append(path)
-        return ""
-
-    with monkeypatch.context() as context:
-        context.setattr(source, "_sha256_of", unreadable)
-        parts = "".join(
-            f'{table}sha256 = "{digest}"\nname = "{name}"\nspan = [0.0, 9.0]\n'
-            for name in ("one", "two")
-        )
-        Path("parts.toml").write_text(parts.replace("/gone/", ""))
-        assert not plan_from_toml("parts.toml").warnings
-    assert read == [Path("drive.csv")]
     # Beside the plan lies another file of that name.
     (above / "drive.csv").write_text("this cell")
     monkeypatch.chdir(above)
@@ -257,10 +219,8 @@ def test_a_file_of_the_name_that_is_not_the_planned_one_is_not_taken(tmp_path, m
         ("capacity = ", r"cannot be read as a plan in TOML \(error at its end\)"),
         ("\ncapacity = x\n", r"\(error at line 2, column 12\)"),
         ("model = '2rc'\n", "plan.toml: model '2rc' is not known; there are iso-rc, so-rc"),
-        ("ocv_fit = 'spline'\n", "ocv_fit is 'spline'; give 'polynomial' or 'interp"),
         ("capacity = 'x'\n", "plan.toml: capacity is 'x'; give a valid number"),
         ("colour = 1\n", "'colour' is not a key of a plan"),
-        ("command = 'fly'\n", "command is 'fly'; give 'identify' or 'hppc'"),
         ("reasons = 3\n", "plan.toml: reasons is 3; give a table"),
         ("[[files]]\nrole = 'validation'\n", r"has no 'file'"),
         (
@@ -268,10 +228,6 @@ def test_a_file_of_the_name_that_is_not_the_planned_one_is_not_taken(tmp_path, m
             "role is 'other'; give 'identification', 'OCV test'",
         ),
         ("[[files]]\nfile = 'a'\nrole = 'validation'\n", "no file has the role identification"),
-        (
-            "[[files]]\nfile = 'a'\nrole = 'validation'\nscore_steps = 7\n",
-            "score_steps is 7; give a valid array",
-        ),
         (
             "[[files]]\nfile = 'a'\nrole = 'validation'\ninitial_soc = 7\n",
             "a: initial_soc 7.0 is not a fraction",

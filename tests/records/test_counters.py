@@ -89,17 +89,6 @@ def test_a_record_has_the_charge_the_cycle_and_the_state_of_its_file():
     assert record.state.tolist() == np.repeat([1, 0, -1, 0, OTHER_STATE], 36).tolist()
 
 
-def test_a_counter_that_a_new_step_sets_to_zero_skips_no_charge():
-    # It counts down while charging, and the rest behind begins with a fall to nothing.
-    current_a = np.tile(np.repeat([-1.0, 0.25, 0.0], [40, 39, 41]), 6)
-    one_ah = np.concatenate([np.arange(40), 40 - 0.25 * np.arange(40), np.zeros(40)]) / 360
-    counters = Counters(net_ah=np.tile(one_ah, 6))
-    integrated_ah = current_a[:-1] / 360
-    charge_ah = counters.charge_ah(integrated_ah, integrated_ah != 0)
-    assert charge_ah is not None
-    np.testing.assert_allclose(charge_ah[-1] - charge_ah[0], -6 * 30.25 / 360, rtol=1e-12)
-
-
 # Levels of a pulse test, logged every 10 s: a rest, a pulse, a rest, and a long discharge at 1 A
 # that the logger leaves out.
 LEVEL_A = np.repeat([0.0, 2.0, 0.0, 1.0], [30, 6, 24, 60])

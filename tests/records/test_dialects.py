@@ -15,7 +15,7 @@ from barnax.records.columns import Header, read_columns
 from barnax.records.dialects import DIALECTS
 from barnax.records.readers import read_table
 from helpers.dialects import WRITERS, maccor_text, neware_csv, novonix_csv, pulse_table
-from helpers.records import CURRENT, TIME, VOLTAGE, read, refusal, told, workbook, zipped
+from helpers.records import CURRENT, TIME, VOLTAGE, read, refusal, told, zipped
 
 TABLE = pulse_table()
 ROWS = TABLE.select(TIME, CURRENT, VOLTAGE).rows()
@@ -267,14 +267,6 @@ def test_the_voltage_of_a_working_electrode_is_said_to_be_that(tmp_path, beside,
         np.testing.assert_allclose(record.voltage_v, VOLTS - 0.1, rtol=1e-5)
 
 
-def test_units_below_the_names_of_a_workbook_are_theirs(tmp_path):
-    rows = [[second, 1e3 * ampere, volt] for second, ampere, volt in ROWS]
-    content = workbook({"cell": [["Time", "Current", "Voltage"], ["s", "mA", "V"], *rows]})
-    record = read(tmp_path, content, "cell.xlsx")
-    require_the_record(record)
-    assert record.row[0] == 3
-
-
 def test_lines_of_words_between_the_rows_are_left_out(tmp_path):
     """As Repower writes one where a step begins; the state, not a sign, tells a rest."""
     text = "Cycle ID,Step ID,Record ID,Step State,System Time,Relative Time(Sec),Voltage(V),"
@@ -318,4 +310,10 @@ def test_a_pipe_and_the_standard_input_are_read_once(tmp_path, monkeypatch):
 )
 def test_a_binary_file_that_cannot_be_read_says_what_to_export(tmp_path, content, words):
     with pytest.raises(InputError, match=f"{words}.*(export|copy)"):
+        read(tmp_path, content)
+
+
+def test_a_bad_cell_in_the_clock_of_the_steps_is_refused_with_its_row(tmp_path):
+    content = WRITERS["Neware CSV, step clock"](TABLE).replace(b"00:00:3.0", b"00:00:three", 1)
+    with pytest.raises(InputError, match=r"row \d+: .*Time\(h:min:s\.ms\)"):
         read(tmp_path, content)

@@ -52,8 +52,6 @@ SPELLINGS = {
     "milliseconds behind a comma": ("Date Time", date("%Y-%m-%d %H:%M:%S,000"), 97),
     "milliseconds behind a colon": ("Date Time", date("%Y-%m-%d %H:%M:%S:000"), 97),
     "two digits of a year": ("Time", date("%d-%b-%y %H:%M:%S"), 97),
-    "Unix microseconds": ("Timestamp", lambda s: str(1_700_000_000_000_000 + 10**6 * s), 97),
-    "Unix nanoseconds": ("Timestamp", lambda s: str(10**9 * (1_700_000_000 + s)), 97),
     "days before the hours": ("Time", clock("{d:02d}:{h:02d}:{m:02d}:{s:02d}"), 97),
     "hundredths": ("Time", clock("{h:02d}:{m:02d}:{s:02d}:00"), 97),
     "hundredths of which none is past 59": ("Time", hundredths, 0.5),
@@ -75,17 +73,6 @@ def test_a_time_is_read_as_it_is_spelled(tmp_path, spelling):
     np.testing.assert_allclose(time_s, interval_s * np.arange(len(TABLE)), atol=1e-3)
     if name == "Time" and "year" not in spelling:
         assert record.zero_date_s is None
-
-
-def test_hours_and_minutes_or_minutes_and_seconds_are_no_clock(tmp_path):
-    with pytest.raises(InputError, match="'Time' contains '00:00'"):
-        time_of("Time", [f"{k // 60:02d}:{k % 60:02d}" for k in range(160)])
-
-
-@pytest.mark.parametrize("form", ["%Y%m%d%H%M%S", "%Y%m%d %H%M%S"])
-def test_a_date_in_digits_alone_is_no_number_of_seconds(form):
-    with pytest.raises(InputError, match=r"'Date' contains .*, where a number is needed"):
-        time_of("Date", [date(form)(97 * k) for k in range(160)])
 
 
 @pytest.mark.parametrize("header", ["Date", "Timestamp", "Time", "Test Time"])
@@ -139,21 +126,6 @@ def test_a_clock_of_the_test_beside_dates_runs_on(tmp_path, interval_s):
     seconds, day = clock("{h:02d}:{m:02d}:{s:02d}"), date("%Y-%m-%d")
     record = read(tmp_path, in_two_columns(time_s, lambda s: day(s + 4_000), seconds))
     np.testing.assert_array_equal(record.time_s, time_s)
-
-
-@pytest.mark.parametrize("start_s", [1.0e9, 1.7e9])
-@pytest.mark.parametrize("factor", [1.0, 1e3, 1e6, 1e9])
-def test_unix_times_tell_their_unit_by_their_size(start_s, factor):
-    time_s, _ = time_of("timestamp", (start_s + SECONDS) * factor)
-    np.testing.assert_allclose(time_s, SECONDS, atol=1e-5)
-
-
-def test_days_of_a_spreadsheet_are_dates_and_rows_logged_twice_are_none():
-    days = 45352.4 + SECONDS / 86400
-    np.testing.assert_allclose(time_of("DateTime", days)[0], SECONDS, atol=1e-4)
-    # The median interval is zero, and a minute is an interval of days as well.
-    twice = np.repeat(np.arange(80) * 60.0 + 20_000, 2)
-    assert time_of("time", twice)[0][-1] == 79 * 60
 
 
 MINUTES = np.round(SECONDS / 60, 5)
@@ -238,28 +210,44 @@ def test_a_clock_beside_the_time_tells_its_unit(symbol, words, unit_s, name):
     np.testing.assert_allclose(record.time_s, seconds)
 
 
-@pytest.mark.parametrize(
-    "form", ["+{:02d}:00", "+{:02d}00", "+{:02d}", " +{:02d}:00", " +{:02d}00"]
-)
-def test_stamps_with_an_offset_are_instants(form):
+def stamps_of_spring(form):
+    """Local stamps with their offset, which goes on by an hour."""
     stamps = np.datetime64("2024-03-31T00:54:40") + (SECONDS * 1e3).astype("timedelta64[ms]")
-    spring = np.datetime64("2024-03-31T01:00:00")
-    local = [
-        f"{np.datetime_as_string(at + np.timedelta64(2 if at >= spring else 1, 'h'), 's')}"
-        f"{form.format(2 if at >= spring else 1)}"
-        for at in stamps
-    ]
-    np.testing.assert_allclose(time_of("timestamp", local)[0], SECONDS)
+    for at in stamps:
+        hours = 2 if at >= np.datetime64("2024-03-31T01:00:00") else 1
+        shown = np.datetime_as_string(at + np.timedelta64(hours, "h"), "s")
+        yield f"{shown}{form.format(hours)}"
+
+
+def over_midnight(first_s, day_s):
+    shown_s = first_s + SECONDS - day_s * (SECONDS >= 300)
+    return [clock("{h:02d}:{m:02d}:{s:02d}")(int(at)) for at in shown_s]
+
+
+# What a column is called and holds; it is `SECONDS` from the first sample on.
+READ = {
+    **{f"Unix {start_s:g}, 1/{factor:g} s": ("timestamp", (start_s + SECONDS) * factor)
+       for start_s in (1.0e9, 1.7e9) for factor in (1.0, 1e3, 1e6, 1e9)},
+    "days of a spreadsheet": ("DateTime", 45352.4 + SECONDS / 86400),
+    **{f"stamps with {form}": ("timestamp", [*stamps_of_spring(form)])
+       for form in ("+{:02d}:00", "+{:02d}00", "+{:02d}", " +{:02d}:00", " +{:02d}00")},
+    "a time of day over midnight": ("Time", over_midnight(86_100, 86_400)),
+    "a time of day over one o'clock": ("Time", over_midnight(46_500, 43_200)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", READ)
+def test_a_clock_is_read_in_seconds(case):
+    np.testing.assert_allclose(time_of(*READ[case])[0], SECONDS, atol=1e-4)
+
+
+def test_rows_logged_twice_a_minute_are_no_days():
+    """The median interval is zero, and a minute is an interval of days as well."""
+    twice = np.repeat(np.arange(80) * 60.0 + 20_000, 2)
+    assert time_of("time", twice)[0][-1] == 79 * 60
 
 
 SET_BACK = [(3600, "the end of summer time"), (43200, "a clock of twelve hours")]
-
-
-@pytest.mark.parametrize(("back_s", "what"), SET_BACK)
-def test_a_clock_that_is_set_back_is_named(back_s, what):
-    time_s = 50000.0 + np.where(SECONDS < 300, SECONDS, SECONDS - back_s)
-    with pytest.raises(InputError, match=what):
-        time_of("Time [s]", time_s)
 
 
 # Of one interval; and ten samples a second in a pulse, and one in half a minute at rest.
@@ -325,22 +313,37 @@ def test_a_load_that_goes_on_did_not_wait_an_hour():
     np.testing.assert_allclose(barnax.record_from_frame(table).time_s, SECONDS)
 
 
-def test_dates_of_twelve_hours_that_leap_at_midnight_are_refused():
+def dates_of_twelve_hours():
+    """Dates every ten minutes, whose hours run from 12 to 11 twice a day."""
     seconds = np.arange(160) * 600
     hours = (11 + (seconds + 1800) // 3600) % 12 + 1
-    dates = np.datetime64("2024-03-01T00:30:00") + seconds
-    shown = zip(map(str, dates), hours, strict=True)
-    stamps = [f"{at[:11]}{hour:02d}{at[13:]}" for at, hour in shown]
-    with pytest.raises(InputError, match="a clock of twelve hours"):
-        barnax.record_from_frame(frame("Date Time", stamps))
+    shown = zip(map(str, np.datetime64("2024-03-01T00:30:00") + seconds), hours, strict=True)
+    return [f"{at[:11]}{hour:02d}{at[13:]}" for at, hour in shown]
 
 
-@pytest.mark.parametrize(("first_s", "day_s"), [(86_100, 86_400), (46_500, 43_200)])
-def test_a_time_of_day_runs_on_over_midnight_and_over_one_oclock(first_s, day_s):
-    shown_s = first_s + SECONDS
-    shown_s = np.where(shown_s < first_s + 300, shown_s, shown_s - day_s).astype(int)
-    times = [clock("{h:02d}:{m:02d}:{s:02d}")(at) for at in shown_s]
-    np.testing.assert_allclose(time_of("Time", times)[0], SECONDS)
+# What a column is called and holds, and why it is refused.
+REFUSED = {
+    "hours and minutes": (
+        "Time", [f"{k // 60:02d}:{k % 60:02d}" for k in range(160)], "'Time' contains '00:00'",
+    ),
+    **{f"dates in digits, {form}": (
+           "Date", [date(form)(97 * k) for k in range(160)], "'Date' contains .*, where a number")
+       for form in ("%Y%m%d%H%M%S", "%Y%m%d %H%M%S")},
+    **{what: ("Time [s]", 50000.0 + SECONDS - back_s * (SECONDS >= 300), what)
+       for back_s, what in SET_BACK},
+    "dates of twelve hours": ("Date Time", dates_of_twelve_hours(), "a clock of twelve hours"),
+    **{f"a counter of {unit} that is full": (
+           f"Time [{unit}]", (SECONDS * per_s + 2**bits - 40 * per_s) % 2**bits,
+           "the clock starts again")
+       for unit, per_s, bits in (("ms", 1e3, 16), ("us", 1e6, 32))},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_is_no_clock_is_refused_with_the_reason(case):
+    name, values, reason = REFUSED[case]
+    with pytest.raises(InputError, match=reason):
+        time_of(name, values)
 
 
 @pytest.mark.parametrize(("name", "start_s"), [("Time [s]", 100.0), ("timestamp", 1.71e9)])
@@ -379,12 +382,3 @@ def test_a_zero_within_a_step_does_not_begin_another(has_steps, zeros):
     np.testing.assert_array_equal(record.time_s, whole.time_s[is_left])
     left_out = [each for each in record.warnings if each.code == "clock.zeros"]
     assert [(each.row, each.values["rows"]) for each in left_out] == [(zeros[0] + 2, len(zeros))]
-
-
-@pytest.mark.parametrize("bits", [16, 32])
-def test_a_counter_that_is_full_begins_anew_and_is_not_sorted(bits):
-    """Of milliseconds in 16 bits, and of microseconds in 32."""
-    unit, per_s = ("ms", 1e3) if bits == 16 else ("us", 1e6)
-    counted = (SECONDS * per_s + 2**bits - 40 * per_s) % 2**bits
-    with pytest.raises(InputError, match="the clock starts again"):
-        time_of(f"Time [{unit}]", counted)

@@ -372,11 +372,6 @@ def test_a_clipped_current_is_found_at_both_ends(tmp_path, name):
     assert [re.findall(r"-?[\d.]+ A", what)[0] for what in clipped] == ["-1.5 A", "1.5 A"]
 
 
-def test_a_current_that_is_clipped_at_unlike_ends_is_found(tmp_path):
-    table = changed(DRIVE, CURRENT, np.clip(array(DRIVE, CURRENT), -2.755, 1.378))
-    assert counting(checked(tmp_path, table))["clipped current"] == "warning"
-
-
 @pytest.mark.parametrize("noise_a", [0.0, 0.01])
 def test_a_held_voltage_is_not_stuck(tmp_path, noise_a):
     # 4.2 V held to the last digit while the charging current tapers, then rest.

@@ -80,9 +80,7 @@ def test_the_capacity_judges_the_charge(run, refuse):
     outcome = run("check", BUNDLED.record, "--capacity", "1.5")
     assert outcome.status == 1
     assert "125.7 %" in " ".join(outcome.out.split())
-    message = refuse("check", BUNDLED.record, "--capacity", "0")
-    assert "--capacity 0.0 Ah must be positive" in message
-    assert "Missing argument" in refuse("check")
+    assert "must be positive" in refuse("check", BUNDLED.record, "--capacity", "0")
 
 
 def test_words_of_the_file_are_shown_as_they_stand(run, tmp_path):

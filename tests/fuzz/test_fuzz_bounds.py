@@ -3,13 +3,11 @@
 import math
 from pathlib import Path
 
-import hypothesis
 import pytest
 from hypothesis import strategies as st
 
 from barnax.errors import InputError
 from barnax.model.search_space import Bounds, read_bounds
-from helpers import fixtures
 from helpers.hostile import EXAMPLES, NUMBER_TEXTS, STRINGS, damaged, repeated
 
 DEFAULT = Bounds.default(capacity_ah=2.0, interval_s=1.0, duration_s=1000.0, has_rate=True)
@@ -60,13 +58,6 @@ CONTENTS = {
 @pytest.mark.parametrize("kind", CONTENTS)
 def test_whatever_is_in_a_file_of_bounds_is_read_or_refused(tmp_path, kind, examples):
     repeated(examples, lambda content: survive(tmp_path, content), CONTENTS[kind])
-
-
-def test_runs_draw_other_examples_where_hypothesis_would_draw_the_same():
-    hypothesis.settings.load_profile("ci")
-    assert hypothesis.settings().derandomize
-    fixtures.pytest_configure()
-    assert not hypothesis.settings().derandomize
 
 
 @pytest.mark.parametrize("name", DEFAULT.names)

@@ -19,7 +19,6 @@ from helpers.records import (
     TIME,
     VOLTAGE,
     arbin_rows,
-    changed,
     parquet,
     pulse_frame,
     read,
@@ -49,12 +48,6 @@ def one(column, line, value):
     return FRAME.with_columns(pl.Series(column, values, strict=False))
 
 
-def counted_milliamperes():
-    header, *rows = arbin_rows(pulse_frame(400))
-    table = pl.DataFrame(rows, schema=header, orient="row")
-    return csv(table.with_columns(pl.col("Current(A)") * 1000))
-
-
 def bad_later_sheet():
     second = [ROWS[0], *ROWS[101:]]
     second[30] = [*second[30][:5], "fault", *second[30][6:]]
@@ -62,7 +55,6 @@ def bad_later_sheet():
 
 
 REFUSED = {
-    "a missing column": csv(FRAME.rename({CURRENT: "Current (C-rate)"})),
     "nothing like a record": b"name,colour\na,red\nb,blue\n",
     "a letter": b"Dear Sir, hello\n\nI write, because, of, things\nYours, me\n",
     "an OCV table": b"SOC [-],OCV [V]\n0,3\n0.3,3.5\n0.6,3.7\n1,4.2\n",
@@ -75,8 +67,6 @@ REFUSED = {
         b"t,"
     ),
     "dates": csv(FRAME.with_columns(pl.lit("2020-01-01 00:00:00").alias(TIME))),
-    "milliamperes by the counters": counted_milliamperes(),
-    "no time": csv(FRAME.with_columns(pl.col(TIME) * 1e-12)),
     "nothing": b"",
     "blank lines": b"\n\n  \n",
     "bytes": bytes(range(256)) * 20,
@@ -96,20 +86,15 @@ REFUSED = {
 TOLD = {
     "milliamperes of a slow sweep": csv(pl.DataFrame(SWEEP)),
     "a row cut off": csv(SHORT) + b"20.0,-0.1",
-    "nothing but rest": scaled(CURRENT, 0),
     "a temperature with a gap": csv(
         SHORT.with_columns(pl.Series("Temperature / degC", [25.0] * 19 + [None]))
     ),
     "steps that are no numbers": csv(SHORT.with_columns(pl.lit(0.5).alias("Step Index / 1"))),
-    "rows twice": csv(pl.concat([FRAME[:5], FRAME[4:10], FRAME[9:]])),
     "a row twice within resolution": csv(
         pl.concat([FRAME[:5], FRAME[4:5].with_columns(pl.col(VOLTAGE) + 0.001), FRAME[5:]])
     ),
-    "a stamp twice": csv(one(TIME, 5, 4.0)),
     "other sheets": workbook({"Info": [["REPORT"]], "Channel_1-001": ROWS, "Chart": []}),
     "a column twice": csv(SHORT).replace(b"\n", b",1\n").replace(b"V,1", f"V,{VOLTAGE}".encode()),
-    "another sign than the names": scaled(CURRENT, -1),
-    "no evidence of the sign": csv(changed(FRAME, VOLTAGE, np.full(FRAME.height, 3.7))),
 }
 
 

@@ -95,16 +95,6 @@ def test_names_decide_only_where_the_data_say_nothing_and_with_a_warning(tmp_pat
     assert "sign.doubtful" in {each.code for each in record.warnings}
 
 
-@pytest.mark.parametrize("promised", SIGNS)
-def test_a_broken_promise_of_the_names_is_a_warning(tmp_path, promised):
-    (truth,) = set(SIGNS) - {promised}
-    current = pulses_a(300)
-    path = written(tmp_path, current, simulated_cell(current), truth, names=NAMES[promised])
-    record = read_record(path)
-    assert record.sign.value == truth
-    assert promised in {each.values.get("promised") for each in record.warnings}
-
-
 def test_a_sign_given_against_weak_evidence_is_taken_with_a_warning(tmp_path):
     current = np.zeros(100)
     current[50:54] = 1.0

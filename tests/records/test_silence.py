@@ -63,16 +63,6 @@ def test_a_logger_that_writes_nothing_at_rest_is_told():
     assert set(gaps) <= {"resting", "idle"}
 
 
-@pytest.mark.parametrize("missing_s", [20, 300])
-def test_gaps_under_load_are_no_rests(missing_s):
-    time_s, current_a, voltage_v = drive(rests=3, resting_s=(1, 3))
-    is_written = np.ones(len(time_s), bool)
-    for first in range(300, LOADED - 600, 600):
-        is_written[first : first + missing_s] = False
-    record = record_from_frame(table(time_s, current_a, voltage_v, is_written))
-    assert record.flowing is None
-
-
 def test_a_current_that_is_empty_at_rest_is_zero():
     time_s, current_a, voltage_v = drive()
     is_loaded = pl.when(pl.col("Current [A]") != 0)

@@ -71,14 +71,6 @@ def test_a_check_tells_what_the_rows_are_and_what_that_does(rows):
     assert checked.facts.current_hold == "centered"
 
 
-def test_a_load_in_time_with_a_slow_log_flows_until_the_next_row():
-    rng = np.random.default_rng(1)
-    current_a = np.repeat(rng.uniform(-1.0, 2.0, 300), rng.integers(2, 6, 300))
-    table = {TIME: 10.0 * np.arange(len(current_a)), CURRENT: -current_a}
-    record = record_from_frame(table | {VOLTAGE: 3.7 - R0 * current_a})
-    assert (record.hold.value, record.hold.strength) == ("forward", "assumed")
-
-
 def calm(seed, in_time):
     """Instants 10 s apart of a load that stands still for 3 to 40 s, or for whole intervals."""
     rng = np.random.default_rng(seed)

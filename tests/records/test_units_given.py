@@ -208,21 +208,6 @@ def test_a_given_name_that_two_columns_fit_as_well_takes_the_first_and_says_so()
 SECONDS = np.arange(160) * 4.0
 
 
-@pytest.mark.parametrize("name", ["Capacity", "Discharging Capacity / Ah"])
-def test_a_counter_in_mah_is_the_odd_one_out(name):
-    """A tester that counts mAh, beside a current and a time that nothing speaks against."""
-    table = {"time": SECONDS, "current": np.full(160, -3.4), "voltage": 4.0 - SECONDS / 1e3}
-    table[name] = 3.4e3 / 3600 * SECONDS
-    table |= {} if name == "Capacity" else {"Charging Capacity / Ah": 0 * SECONDS}
-    record = record_from_frame(table)
-    assert np.ptp(record.charge_ah) == pytest.approx(3.4 * SECONDS[-1] / 3600)
-    (warning,) = record.warnings
-    assert (warning.code, warning.values["case"]) == ("unit.reading", "counted")
-    obeyed = record_from_frame(table, columns=warning.values["option"])
-    np.testing.assert_allclose(obeyed.charge_ah, record.charge_ah)
-    assert not obeyed.warnings
-
-
 @pytest.mark.parametrize(
     ("unit_s", "unit_a", "option"),
     [(1e-3, 1.0, "time=Time:ms"), (1.0, 1e-3, "current=current:mA")],

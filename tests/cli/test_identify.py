@@ -193,12 +193,14 @@ def test_windows_and_capacities_of_each_record_are_followed_and_repeat(tmp_path,
         Path(folder).mkdir()
         table = pl.read_parquet(source).head(1600).with_columns(pl.col("Voltage / V") + 1e-3)
         table.write_parquet(f"{folder}/drive.parquet")
+    Path("box.toml").write_text('[bounds]\n"R0 [Ohm]" = [0.01, 0.1]\n')
     outcome = run_command(
         "identify", "a/drive.parquet", "b/drive.parquet", *OCV, "--validate", BUNDLED.validation,
         "--model", "iso-rc", "--seeds", "1", "--population", "8", "--iterations", "1", "--trust",
         "none", "--score-to", "1500", "--score-to", "b/drive.parquet=1000",
         "--capacity", "b/drive.parquet=1.9", "--initial-soc", "validation.parquet=0.98",
-        "--out", "o",
+        "--fix", "R1 [Ohm]=0.01", "--bounds", "box.toml", "--key", "3",
+        "--current-sign", "charge-positive", "--out", "o",
     )  # fmt: skip
     assert outcome.status == 0, outcome.err
     result = Result.from_json("o/result.json")

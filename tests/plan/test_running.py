@@ -16,7 +16,7 @@ from barnax.plan.running import planned
 from barnax.records import read_record
 from barnax.reporting.wording import table
 from barnax.results import Result
-from cli.conftest import BUDGET, run_command
+from cli.conftest import run_command
 from helpers.records import pulse_frame
 
 SMALL = {"model": "so-rc", "seeds": 0, "trust": "none"}
@@ -72,24 +72,6 @@ def test_the_command_takes_a_folder_and_stores_how_to_do_it_by_hand(
     outcome = run_command("identify", tmp_path / "out" / "plan.toml", "--out", tmp_path / "again")
     assert outcome.status == 0
     written = [(tmp_path / place / "result.json").read_bytes() for place in ("out", "again")]
-    assert written[0] == written[1]
-
-
-@pytest.mark.slow
-def test_a_run_whose_roles_are_given_has_its_plan_too(folder, tmp_path):
-    (tmp_path / "box.toml").write_text('[bounds]\n"R0 [Ohm]" = [0.01, 0.1]\n')
-    ocv = [word for path in BUNDLED.ocv for word in ("--ocv", folder / path.name)]
-    options = (
-        *("--score-to", "1500", "--start-time", "validation.parquet=60", "--initial-soc", "0.98"),
-        *("--fix", "R1 [Ohm]=0.01", "--bounds", tmp_path / "box.toml", "--keep-starts"),
-        *("--resistances-follow", "none", "--key", "3"),
-        *("--current-sign", "charge-positive"),
-    )
-    files = (folder / BUNDLED.record.name, *ocv, "--validate", folder / BUNDLED.validation.name)
-    for words in ((*files, *BUDGET[2:], *options), (tmp_path / "0" / "plan.toml",)):
-        place = tmp_path / str(len(list(tmp_path.glob("[0-9]"))))
-        assert run_command("identify", *words, "--out", place).status == 0
-    written = [(tmp_path / each / "result.json").read_bytes() for each in ("0", "1")]
     assert written[0] == written[1]
 
 

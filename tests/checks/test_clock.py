@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from barnax.checks import check_file
 from barnax.records import read_record, record_from_frame, source_from_frame
-from helpers.records import CURRENT, TIME, changed, checked, counting, found, frame
+from helpers.records import CURRENT, TIME, changed, checked, counting, finding, frame
 
 from .test_findings import stamps_of_three
 
@@ -36,7 +36,7 @@ def test_a_slip_of_the_clock_anywhere_is_found_and_seen_through(
     lines = np.arange(line, line + run)
     wrong = (clock[-1] + off_s if is_late else clock[0] - off_s) + np.arange(run) / 8
     outcome = checked(tmp_path_factory.mktemp("slip"), changed(inputs, TIME, wrong, lines))
-    assert found(outcome, "clock").row == line + 2
+    assert finding(outcome, "clock").row == line + 2
     assert outcome.facts.samples == 2000 - run
     assert outcome.facts.time_s[1] == clock[-1]
 
@@ -54,7 +54,7 @@ def test_files_in_the_wrong_order_are_sorted_though_the_log_paused_between_them(
     whole = frame()[:4000].with_columns(pl.Series(TIME, np.arange(4000.0)))
     pieces = [whole[:2000], whole[2000:].with_columns(pl.col(TIME) + gap_s)]
     outcome = check_file(source_from_frame(pl.concat(pieces[::-1]), "joined"))
-    assert found(outcome, "clock").values["cause"] == "shuffled"
+    assert finding(outcome, "clock").values["cause"] == "shuffled"
     assert outcome.facts.time_s == (0.0, 3999.0 + gap_s)
 
 
@@ -71,7 +71,7 @@ def test_single_doubled_stamps_are_merged_and_the_first_of_two_kept(lines):
 def test_one_stamp_of_three_values_is_mended_with_a_warning_that_names_it(tmp_path, inputs):
     outcome = checked(tmp_path, stamps_of_three([100]))
     assert counting(outcome) == {"repeats": "warning"}
-    assert found(outcome, "repeats").row == 103
+    assert finding(outcome, "repeats").row == 103
     record = read_record(tmp_path / "cell.csv")
     assert record.samples == inputs.height - 2
     assert "repeats.differ" in {each.code for each in record.warnings}

@@ -24,7 +24,7 @@ from helpers.records import (
     changed,
     checked,
     counting,
-    found,
+    finding,
     frame,
     logged,
     scaled,
@@ -282,11 +282,8 @@ def test_a_fault_is_found_by_its_own_check_and_its_errors_are_what_the_reader_ra
     source = read_source(tmp_path / "cell.csv")
     outcome = check_file(source, capacity_ah=CAPACITY_AH.get(fault))
     assert counting(outcome) == expected
-    for finding in outcome.findings:
-        assert finding.remedy or not finding.counts
-    TEXTS[fault] = "".join(
-        f"  {finding.severity} {finding.check}: {finding}\n" for finding in outcome.findings
-    )
+    assert all(each.remedy or not each.counts for each in outcome.findings)
+    TEXTS[fault] = "".join(f"  {each.severity} {each.check}: {each}\n" for each in outcome.findings)
     if (seen := outcome.facts) is not None:
         moved = f"{seen.charged_ah:.4f} Ah in, {seen.discharged_ah:.4f} Ah out"
         TEXTS[fault] += f"  seen: {seen.samples} samples, {moved}\n"
@@ -325,7 +322,7 @@ def test_a_spike_is_found_at_its_row(tmp_path, name, column, height, width):
     lines = np.arange(line, line + width)
     outcome = checked(tmp_path, changed(table, column, array(table, column)[lines] + height, lines))
     assert counting(outcome) == {"spikes": "warning"}
-    spikes = found(outcome, "spikes")
+    spikes = finding(outcome, "spikes")
     assert (spikes.row, spikes.values["samples"]) == (line + 2, width)
     assert spikes.values["channel"] == ("voltage" if column == VOLTAGE else "current")
 
@@ -336,7 +333,7 @@ def test_a_spike_beside_a_late_voltage_is_found_at_its_row(tmp_path, late, colum
     table = DRIVE.with_columns(pl.col(VOLTAGE).shift(late)).drop_nulls()
     height = 0.5 if column == VOLTAGE else 8.0
     outcome = checked(tmp_path, changed(table, column, array(table, column)[3001] + height, 3001))
-    assert found(outcome, "spikes").row == 3003
+    assert finding(outcome, "spikes").row == 3003
 
 
 def test_a_short_pulse_that_the_voltage_answers_is_no_spike(tmp_path):
@@ -352,15 +349,15 @@ def test_a_channel_that_stands_still_is_found(tmp_path, name, column, value):
     value = array(table, column)[3000] if value is None else value
     outcome = checked(tmp_path, changed(table, column, value, np.arange(3000, 3400)))
     assert counting(outcome) == {"stuck": "error"}
-    assert found(outcome, "stuck").row == pytest.approx(3002, abs=3)
-    assert found(outcome, "stuck").values["channel"] == column.split(" ")[0].lower()
+    assert finding(outcome, "stuck").row == pytest.approx(3002, abs=3)
+    assert finding(outcome, "stuck").values["channel"] == column.split(" ")[0].lower()
 
 
 @pytest.mark.parametrize("name", BUNDLED_NAMES)
 def test_a_clipped_voltage_is_found(tmp_path, name):
     table = frame(name)
     clipped = changed(table, VOLTAGE, np.clip(array(table, VOLTAGE), 3.3, 3.9))
-    assert "stops at" in found(checked(tmp_path, clipped), "stuck").what
+    assert "stops at" in finding(checked(tmp_path, clipped), "stuck").what
 
 
 @pytest.mark.parametrize("name", DRIVES)
@@ -403,7 +400,7 @@ def test_a_step_of_the_current_that_the_voltage_answers_late_is_no_break(tmp_pat
 def test_a_current_offset_at_rest_is_found_with_its_size(tmp_path, name, offset_a):
     table = frame(name)
     outcome = checked(tmp_path, changed(table, CURRENT, array(table, CURRENT) + offset_a))
-    rests = found(outcome, "rests")
+    rests = finding(outcome, "rests")
     assert rests.severity == "warning"
     size_ma = float(rests.what.removeprefix("the current is ").split(" mA")[0])
     assert size_ma == pytest.approx(1e3 * offset_a, abs=1.0)
@@ -429,7 +426,7 @@ def test_a_sign_that_turns_is_found_where_it_does(tmp_path, name):
     outcome = checked(tmp_path, changed(table, CURRENT, turned))
     assert counting(outcome) == {"sign": "error"}
     # The first clear step after the turn, or the turn's own.
-    assert 0 <= found(outcome, "sign").row - half < 500
+    assert 0 <= finding(outcome, "sign").row - half < 500
 
 
 @pytest.mark.slow
@@ -441,8 +438,8 @@ def test_a_sign_turned_for_300_samples_is_found(tmp_path, name, start):
     current_a[start : start + 300] *= -1
     outcome = checked(tmp_path, changed(table, CURRENT, current_a))
     assert counting(outcome) == {"sign": "error"}
-    assert found(outcome, "sign").row == pytest.approx(start, abs=100)
-    assert "it turns back at row" in found(outcome, "sign").what
+    assert finding(outcome, "sign").row == pytest.approx(start, abs=100)
+    assert "it turns back at row" in finding(outcome, "sign").what
     # Mended, it moves what the record moves.
     assert outcome.facts.discharged_ah == pytest.approx(
         checked(tmp_path, table).facts.discharged_ah, abs=0.02
@@ -460,14 +457,14 @@ def test_a_hard_drive_cycle_without_its_sign_is_found(tmp_path, real_data):
 @pytest.mark.parametrize("factor", [0.5, 2.0])
 def test_counters_that_prove_a_current_is_scaled_name_the_factor(tmp_path, factor):
     outcome = checked(tmp_path, scaled(with_counters(DRIVE), CURRENT, factor))
-    counters = found(outcome, "counters")
+    counters = finding(outcome, "counters")
     assert f"the current is {factor:g} times what the tester counted, throughout" in counters.what
     assert f"{1 / factor:g} times as much" in counters.remedy
 
 
 def test_a_hole_that_the_counters_saw_is_no_wrong_unit(tmp_path):
     outcome = checked(tmp_path, cut(with_counters(DRIVE), 3000, 9000))
-    assert "throughout" not in found(outcome, "counters").what
+    assert "throughout" not in finding(outcome, "counters").what
 
 
 def test_a_gap_between_two_rests_is_not_in_doubt(tmp_path):
@@ -478,7 +475,7 @@ def test_a_gap_between_two_rests_is_not_in_doubt(tmp_path):
     last = int(np.searchsorted(clock, clock[load] - 320))
     outcome = checked(tmp_path, cut(OUT, last, load - 1))
     assert outcome.is_clean
-    assert "nothing seems to happen" in found(outcome, "gaps").what
+    assert "nothing seems to happen" in finding(outcome, "gaps").what
 
 
 def in_bursts(usual_s, within_s):
@@ -499,7 +496,7 @@ def test_an_interval_as_long_as_the_usual_ones_elsewhere_is_no_gap(tmp_path):
     interval_s = in_bursts(5.0, lambda start: 5.018)
     assert "gaps" not in {each.check for each in spaced(tmp_path, interval_s).findings}
     interval_s[3010] = 31.0
-    assert "a gap of 31 s" in found(spaced(tmp_path, interval_s), "gaps").what
+    assert "a gap of 31 s" in finding(spaced(tmp_path, interval_s), "gaps").what
 
 
 def test_a_gap_in_which_a_rested_cell_was_moved_is_a_warning(tmp_path):
@@ -521,5 +518,5 @@ def test_no_more_charge_is_in_doubt_than_passed(tmp_path):
     cut_s = np.where(LINES[:120] < 60, LINES[:120], LINES[:120] + 86400.0)
     after = LINES[60:120]
     lower = changed(DRIVE[:120], VOLTAGE, array(DRIVE, VOLTAGE)[after] - 0.05, after)
-    what = found(checked(tmp_path, changed(lower, TIME, cut_s)), "gaps").what
+    what = finding(checked(tmp_path, changed(lower, TIME, cut_s)), "gaps").what
     assert "what passed meanwhile was not logged" in what

@@ -9,7 +9,7 @@ import pytest
 
 from barnax.checks import check_file
 from helpers.golden import require_golden
-from helpers.records import counting, found
+from helpers.records import counting, finding
 
 CALCE, PLETT, LEAF = "calce-inr18650-20r", "plett-a123-26650", "nissan-leaf-lmo-33ah"
 DRIVES = [
@@ -93,4 +93,4 @@ def test_every_measured_file_is_known_for_what_it_is(checks):
 
 def test_the_low_current_test_passes_more_than_the_capacity(real_data):
     outcome = check_file(real_data / LOW_CURRENT, capacity_ah=2.0)
-    assert "2.157 Ah between its extremes, 107.8 %" in found(outcome, "capacity").what
+    assert "2.157 Ah between its extremes, 107.8 %" in finding(outcome, "capacity").what

@@ -6,7 +6,16 @@ import pytest
 
 from barnax.errors import InputError
 from barnax.records import record_from_frame
-from helpers.records import CURRENT, VOLTAGE, checked, counting, found, frame, pulse_frame, told
+from helpers.records import (
+    CURRENT,
+    VOLTAGE,
+    checked,
+    counting,
+    finding,
+    frame,
+    pulse_frame,
+    remarks,
+)
 
 
 @pytest.mark.parametrize("name", ["Sense Voltage / V", "Aux_Voltage_1(V)"])
@@ -14,7 +23,7 @@ def test_a_voltage_at_the_leads_is_told_from_one_at_the_cell(tmp_path, name):
     drop_v = 0.02 * pl.col(CURRENT)
     outcome = checked(tmp_path, frame().with_columns((pl.col(VOLTAGE) + drop_v).alias(name)))
     assert counting(outcome) == {"twin columns": "warning"}
-    twin = found(outcome, "twin columns")
+    twin = finding(outcome, "twin columns")
     assert f"'Voltage / V' and '{name}' differ by 20 mohm" in twin.what
 
 
@@ -27,7 +36,7 @@ def test_currents_that_disagree_are_told(tmp_path, factor):
     expected = {} if ratio == 1 else {"twin columns": "warning"}
     assert counting(outcome) == expected
     if expected:
-        assert f"{ratio:.4g} times the first" in found(outcome, "twin columns").what
+        assert f"{ratio:.4g} times the first" in finding(outcome, "twin columns").what
 
 
 def test_other_columns_are_no_twins(tmp_path):
@@ -59,4 +68,4 @@ def test_a_second_voltage_beside_the_one_that_a_tester_names_is_told_where_it_re
     aux = (pl.col(VOLTAGE) + 0.03).alias("Aux_Voltage_1(V)")
     table = pulse_frame().with_columns(aux, pl.lit(1).alias("Step_Index"))
     table.columns = ["Test_Time(s)", "Current(A)", "Voltage(V)", *table.columns[3:]]
-    assert "'Aux_Voltage_1(V)' differ by 30 mV" in " ".join(told(record_from_frame(table)))
+    assert "'Aux_Voltage_1(V)' differ by 30 mV" in " ".join(remarks(record_from_frame(table)))

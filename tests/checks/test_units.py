@@ -16,7 +16,7 @@ from helpers.records import (
     VOLTAGE,
     checked,
     counting,
-    found,
+    finding,
     frame,
     logged,
     pulse_frame,
@@ -99,11 +99,11 @@ def test_another_unit_is_named_and_the_rest_seen_through(tmp_path, name, fault, 
     table = change(with_counters(frame(name)) if counters else frame(name))
     outcome = checked(tmp_path, table, capacity_ah=capacity_ah)
     assert counting(outcome) == {check: "error"}
-    assert words in found(outcome, check).what
-    assert remedy in found(outcome, check).remedy
+    assert words in finding(outcome, check).what
+    assert remedy in finding(outcome, check).remedy
     if "amperes" in words:
         largest = int(np.argmax(np.abs(table[table.columns[1]].to_numpy())))
-        assert found(outcome, check).row == 2 + largest
+        assert finding(outcome, check).row == 2 + largest
     assert_seen_through(tmp_path, name, outcome)
 
 
@@ -111,7 +111,7 @@ def test_units_that_names_state_are_converted_with_a_note(tmp_path):
     table = scaled(scaled(frame(), TIME, 1 / 3600), CURRENT, 1e3)
     outcome = checked(tmp_path, table.rename({TIME: "Time [h]", CURRENT: "Current [mA]"}))
     assert outcome.is_clean
-    assert "from h to s" in found(outcome, "columns").what
+    assert "from h to s" in finding(outcome, "columns").what
     assert_seen_through(tmp_path, "identification", outcome)
 
 
@@ -154,7 +154,7 @@ def test_a_time_converted_twice_is_told_by_a_load_whose_current_is_of_means():
     mean_a = np.append(current_a[0], (current_a[1:] + current_a[:-1]) / 2)
     table = logged(60 * np.arange(3600.0), mean_a, np.round(voltage_v, 3))
     outcome = check_file(source_from_frame(table.rename({TIME: "Time [s]"}), "drive"))
-    assert "minutes, converted to seconds twice" in found(outcome, "unit").what
+    assert "minutes, converted to seconds twice" in finding(outcome, "unit").what
 
 
 def test_a_current_named_in_milliamperes_is_not_taken_for_them_again(tmp_path):

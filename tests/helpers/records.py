@@ -35,7 +35,7 @@ def pulses_a(samples=200, amplitude_a=2.0, seed=0):
     return amplitude_a * np.repeat(levels, 5)[:samples]
 
 
-def told(record):
+def remarks(record):
     """All that reading a record says of it."""
     return tuple(str(each) for each in (*record.warnings, *record.notes))
 
@@ -214,10 +214,10 @@ def once(look):
     return looked
 
 
-def found(checked_file, check):
+def finding(checked_file, check):
     """The only finding of a check."""
-    (finding,) = [finding for finding in checked_file.findings if finding.check == check]
-    return finding
+    (one,) = [each for each in checked_file.findings if each.check == check]
+    return one
 
 
 def counting(checked_file):

@@ -10,7 +10,7 @@ from barnax.checks import check_file
 from barnax.checks.against_cell import compare_with_cell
 from barnax.errors import InputError
 from barnax.records import read_record
-from helpers.records import refusal, told
+from helpers.records import refusal, remarks
 from helpers.shared import CASES, SHARED, needs_cases, needs_data
 
 FILES = CASES / "files"
@@ -78,7 +78,7 @@ def test_a_clock_is_read_with_its_own_span_and_what_was_odd_is_said(name):
     span_s = truth.get("t_last_s", 636.0) - truth.get("t_first_s", 0.0)
     record = read_record(FILES / name)
     assert np.ptp(record.time_s) == pytest.approx(span_s, rel=1e-6)
-    words = " ".join((*told(record), *map(str, check_file(FILES / name).findings)))
+    words = " ".join((*remarks(record), *map(str, check_file(FILES / name).findings)))
     assert CLOCKS[name] in words
     assert not [phrase for phrase in NEVER if phrase in words]
 

@@ -15,7 +15,7 @@ from barnax.records.columns import Header, read_columns
 from barnax.records.dialects import DIALECTS
 from barnax.records.readers import read_table
 from helpers.dialects import WRITERS, maccor_text, neware_csv, novonix_csv, pulse_table
-from helpers.records import CURRENT, TIME, VOLTAGE, read, refusal, told, zipped
+from helpers.records import CURRENT, TIME, VOLTAGE, read, refusal, remarks, zipped
 
 TABLE = pulse_table()
 ROWS = TABLE.select(TIME, CURRENT, VOLTAGE).rows()
@@ -260,7 +260,7 @@ def test_zero_volts_of_ec_lab_are_no_measurement(tmp_path, name):
 def test_the_voltage_of_a_working_electrode_is_said_to_be_that(tmp_path, beside, is_said):
     record = read(tmp_path, ec_lab(**{"Ewe/V": VOLTS, "I/mA": MILLIAMPERES, **beside}))
     says = "of the working electrode against the reference"
-    assert (says in " ".join(told(record))) == is_said
+    assert (says in " ".join(remarks(record))) == is_said
     np.testing.assert_allclose(record.voltage_v, VOLTS, rtol=1e-5)
     if "Ewe-Ece/V" in beside:
         record = read_record(tmp_path / "cell.csv", columns="voltage=Ewe-Ece/V")

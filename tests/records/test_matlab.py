@@ -8,7 +8,7 @@ from scipy.io import savemat
 
 from barnax.cell import read_ocv_test
 from barnax.records.readers import matlab
-from helpers.records import CURRENT, TIME, VOLTAGE, pulse_frame, read, refusal, told
+from helpers.records import CURRENT, TIME, VOLTAGE, pulse_frame, read, refusal, remarks
 
 FRAME = pulse_frame(300)
 TIMES, AMPS, VOLTS = (FRAME[name].to_numpy() for name in (TIME, CURRENT, VOLTAGE))
@@ -134,7 +134,7 @@ def test_a_structure_of_columns_is_a_record(tmp_path, writer, name):
     np.testing.assert_array_equal(record.voltage_v, VOLTS)
     assert (record.temperature_degc is not None) == (name == "Kollmeyer")
     note = "the record is 'DYNData.script1'; DYNData.script2, DYNData.script3 not used"
-    assert any(note in each for each in told(record)) == (name == "Plett")
+    assert any(note in each for each in remarks(record)) == (name == "Plett")
 
 
 @pytest.mark.usefixtures("untried")
@@ -144,7 +144,7 @@ def test_the_cycles_of_nasa_are_joined_by_their_dates(tmp_path, writer):
     np.testing.assert_allclose(record.time_s, np.concatenate([TIMES, TIMES + 7200]))
     np.testing.assert_array_equal(record.voltage_v, np.tile(VOLTS, 2))
     np.testing.assert_array_equal(np.unique(record.cycle), [1, 3])
-    assert "2 cycles of 'B0005.cycle' joined" in " ".join(told(record))
+    assert "2 cycles of 'B0005.cycle' joined" in " ".join(remarks(record))
 
 
 @pytest.mark.usefixtures("untried")

@@ -26,9 +26,9 @@ from helpers.records import (
     pulses_a,
     read,
     refusal,
+    remarks,
     sheet,
     simulated_cell,
-    told,
     workbook,
 )
 
@@ -427,7 +427,7 @@ def test_a_spectrum_among_samples_is_left_out_whatever_the_decimal_mark(tmp_path
     text = table.write_csv(separator="\t", float_scientific=True).replace(".", mark)
     record = read(tmp_path, text)
     require_the_record(record, hertz == 0)
-    assert "40 rows of an impedance measurement" in " ".join(told(record))
+    assert "40 rows of an impedance measurement" in " ".join(remarks(record))
 
 
 def test_a_state_that_says_no_charge_is_told(tmp_path):

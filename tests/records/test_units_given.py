@@ -12,7 +12,7 @@ from barnax.errors import InputError
 from barnax.inputs import source_of
 from barnax.records import read_record, record_from_frame, source_from_frame
 from barnax.settings import Reading
-from helpers.records import CURRENT, TIME, VOLTAGE, pulse_frame, told
+from helpers.records import CURRENT, TIME, VOLTAGE, pulse_frame, remarks
 
 FRAME = pulse_frame(300)
 
@@ -43,14 +43,14 @@ def test_one_sign_of_another_unit_is_a_warning_and_the_values_stay():
     voltage_v = pl.Series(VOLTAGE, 3.7 + 1e-3 * current_a)
     record = record_from_frame(scaled(CURRENT, 29.5).with_columns(voltage_v))
     assert np.abs(record.current_a).max() == pytest.approx(59.0)
-    assert "may be in milliamperes" in " ".join(told(record))
+    assert "may be in milliamperes" in " ".join(remarks(record))
 
 
 def test_a_pack_of_cells_in_series_is_read_as_one_of_them(tmp_path):
     pack, cell = scaled(VOLTAGE, 96.0), record_from_frame(FRAME)
     record = record_from_frame(pack, series=96)
     np.testing.assert_allclose(record.voltage_v, cell.voltage_v)
-    assert "is divided by 96" in " ".join(told(record))
+    assert "is divided by 96" in " ".join(remarks(record))
     pack.write_csv(tmp_path / "pack.csv")
     FRAME.write_csv(tmp_path / "cell.csv")
     reading = Reading(series=96)
@@ -165,7 +165,7 @@ SWEEP = pl.DataFrame(
 def test_a_name_with_another_unit_than_its_values_is_told_without_counters(table, factor, words):
     table = table.with_columns(pl.col(TIME) * factor)
     try:
-        said = " ".join(told(record_from_frame(table)))
+        said = " ".join(remarks(record_from_frame(table)))
     except InputError as refused:
         said = str(refused)
     assert words in said
@@ -173,17 +173,17 @@ def test_a_name_with_another_unit_than_its_values_is_told_without_counters(table
 
 def test_units_that_nothing_decides_are_noted_where_they_make_an_unusual_record():
     """Amperes under milliamperes are a coin cell's; a sweep of 55 days is a slow one."""
-    small = told(record_from_frame(FRAME.rename({CURRENT: "Current [mA]"})))
+    small = remarks(record_from_frame(FRAME.rename({CURRENT: "Current [mA]"})))
     assert any("is read in mA: up to 2 mA through 49.5 ohm" in each for each in small)
     time_s = np.arange(8000) * 600.0
     table = pl.DataFrame({TIME: time_s, CURRENT: 0 * time_s - 1e-3, VOLTAGE: 4.1 - time_s / 5e6})
-    slow = told(record_from_frame(table))
+    slow = remarks(record_from_frame(table))
     assert any(
         "is read in s: the record lasts 1333 h, at 0.00075 C or less" in each for each in slow
     )
-    fast = told(record_from_frame(SWEEP[5:].with_columns(pl.col(TIME) / 40)))
+    fast = remarks(record_from_frame(SWEEP[5:].with_columns(pl.col(TIME) / 40)))
     assert any("is read in s: the record lasts 0.497 h, at 2 C or less" in each for each in fast)
-    assert not any(" is read in " in each for each in told(record_from_frame(SWEEP)))
+    assert not any(" is read in " in each for each in remarks(record_from_frame(SWEEP)))
 
 
 @pytest.mark.parametrize("other", ["VALUE", "value ", "va_lue", "value [mA]"])

@@ -53,6 +53,12 @@ def test_many_faults_are_all_found_at_once(tmp_path):
     assert severities == sorted(severities, key=["error", "warning", "note"].index)
 
 
+@pytest.mark.parametrize("capacity_ah", [0.0, float("nan")])
+def test_a_capacity_that_is_none_is_refused(capacity_ah):
+    with pytest.raises(InputError, match="`capacity` must be positive"):
+        check_file(bundled_file("validation"), capacity_ah=capacity_ah)
+
+
 @pytest.mark.slow
 def test_a_million_rows_take_seconds(tmp_path):
     table = pl.concat([frame().with_columns(pl.col(TIME) + 19_680.0 * k) for k in range(51)])

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 import barnax.records.source
 from barnax.bundled import BUNDLED_NAMES, bundled_file
 from barnax.checks import check_file
+from barnax.errors import InputError
 from barnax.records import read_record, read_source, source_from_frame
 from helpers.records import CURRENT, TIME, VOLTAGE, changed, checked, counting, frame
 

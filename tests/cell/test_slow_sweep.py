@@ -38,13 +38,6 @@ def test_a_slow_sweep_gives_its_branch(direction, hold):
     np.testing.assert_allclose(curve(INNER), under_load_v(INNER, direction), atol=1e-4)
 
 
-def test_a_slow_sweep_is_thinned_to_101_points_from_empty_to_full():
-    points = characterize([sweep(-1)]).discharge_points
-    assert len(points) == 101
-    assert {point.rest_s for point in points} == {0.0}
-    np.testing.assert_allclose([p.soc for p in points], np.linspace(0, 1, 101), atol=2e-4)
-
-
 def test_each_slow_sweep_is_scaled_by_its_own_charge():
     shorter = sweep(+1)
     shorter = replace(shorter, current_a=shorter.current_a * 0.9)
@@ -107,12 +100,6 @@ def test_each_sweep_of_a_file_passes_all_of_its_charge(between, hold):
     out, back = slow_sweeps(driven(down, between, -down, interval_s=10.0, hold=hold))
     assert (out.direction, back.direction) == (-1, 1)
     assert (out.passed_ah, back.passed_ah) == pytest.approx((CAPACITY_AH, CAPACITY_AH), rel=1e-9)
-
-
-def test_a_fast_discharge_beside_a_slow_charge_is_not_counted_into_it():
-    fast = np.full(720, CAPACITY_AH / 2)
-    (found,) = slow_sweeps(driven(fast, REST, -CURRENT_A * SWEEP, interval_s=10.0))
-    assert found.direction == 1
 
 
 def test_a_current_that_pauses_every_ten_minutes_is_no_sweep():

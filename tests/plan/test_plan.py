@@ -247,13 +247,6 @@ def test_a_folder_in_a_folder_is_looked_into_unless_it_holds_a_result(folder):
     assert roles(found)["a.parquet"] == "identification"
 
 
-def test_a_folder_without_files_and_a_file_that_is_not_there_are_refused(tmp_path):
-    with pytest.raises(InputError, match="has no files"):
-        plan(tmp_path)
-    with pytest.raises(InputError, match="there is no such file"):
-        plan(tmp_path / "missing.csv")
-
-
 def test_a_record_that_takes_more_out_of_the_full_cell_than_the_ocv_test_tells_its_capacity(folder):
     change(folder, "ac", pl.col(CURRENT) * 1.08)
     taken_ah = 1.08 * barnax.read_record(BUNDLED.record).discharged_ah.max()

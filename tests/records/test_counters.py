@@ -48,17 +48,6 @@ def test_a_counter_gives_the_charge_whatever_it_begins_with(counters):
     assert charge_ah[0] == pytest.approx(begun_ah)
 
 
-def test_the_counter_knows_of_a_discharge_that_was_not_logged():
-    logged = np.ones(180, bool)
-    logged[20:50] = False
-    time_s = 10.0 * np.arange(180)[logged]
-    current_a = np.where(np.arange(180) == 50, 0, CURRENT_A)[logged]
-    flowed_ah = current_a[1:] * np.diff(time_s) / 3600
-    charge_ah = Counters(net_ah=-CHARGE_AH[logged]).charge_ah(flowed_ah, flowed_ah != 0)
-    np.testing.assert_allclose(charge_ah, CHARGE_AH[logged], atol=1e-12)
-    assert flowed_ah.sum() < 0.6 * charge_ah[70]
-
-
 @pytest.mark.parametrize(
     "counters",
     [

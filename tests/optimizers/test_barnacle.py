@@ -5,10 +5,9 @@ import jax
 import jax.numpy as jnp
 import jax.random as jr
 import numpy as np
-import optimistix as optx
 import pytest
 
-from barnax.optimizers import BarnacleMating, Box, Swarm, ibmo_centered
+from barnax.optimizers import BarnacleMating, Box, Swarm, ibmo_centered, minimise
 
 WIDTH = 8.0
 
@@ -17,17 +16,9 @@ def valley(x, center):
     return jnp.sum(jnp.arange(1.0, 6.0) * (x - center) ** 2)
 
 
-@eqx.filter_jit
 def search(optimizer, origin):
-    return optx.minimise(
-        valley,
-        optimizer,
-        jnp.zeros(5),
-        origin + 3.0,
-        # A constant key: its draws are made while compiling, in a quarter of the time.
-        options={"key": jr.key(1), "lower": origin, "upper": origin + WIDTH},
-        max_steps=None,
-    )
+    lower = jnp.full(5, origin)
+    return minimise(valley, optimizer, lower, lower + WIDTH, key=jr.key(1), args=origin + 3.0)
 
 
 @eqx.filter_jit

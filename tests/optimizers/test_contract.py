@@ -14,7 +14,14 @@ import numpy as np
 import optimistix as optx
 import pytest
 
-from barnax.optimizers import OPTIMIZERS, Box, Swarm, evaluations_per_iteration, make_optimizer
+from barnax.optimizers import (
+    OPTIMIZERS,
+    Box,
+    Swarm,
+    evaluations_per_iteration,
+    make_optimizer,
+    minimise,
+)
 from helpers.compiling import USERS_KERNELS
 
 POPULATION, ITERATIONS, DIMS = 12, 60, 4
@@ -52,19 +59,16 @@ def trial_loss(x, trial):
 def searches(name, keys, trial):
     """One compilation an optimizer and number of keys; the trial's numbers are arguments."""
 
-    def one(key):
-        return optx.minimise(
-            trial_loss,
-            make_optimizer(name, POPULATION, ITERATIONS),
-            jnp.zeros(DIMS, trial.center.dtype),
-            trial,
-            has_aux=True,
-            options={"key": key, "lower": LOWER, "upper": UPPER},
-            max_steps=None,
-            throw=False,
-        )
-
-    return jax.vmap(one)(keys)
+    return minimise(
+        trial_loss,
+        make_optimizer(name, POPULATION, ITERATIONS),
+        jnp.full(DIMS, LOWER, trial.center.dtype),
+        jnp.full(DIMS, UPPER, trial.center.dtype),
+        key=keys,
+        args=trial,
+        has_aux=True,
+        throw=False,
+    )
 
 
 quick_searches = jax.jit(searches, static_argnames="name")
@@ -209,9 +213,15 @@ def test_a_keyed_objective_sees_a_fresh_key_at_every_evaluation():
         # The loss comes back from Python, so nothing can be evaluated and not written down.
         return jax.pure_callback(write_down, draw, draw, vmap_method="expand_dims")
 
-    options = {"key": jr.key(6), "lower": LOWER, "upper": UPPER, "keyed_objective": True}
-    solver, args = make_optimizer("bmo", 12, 25), (None, jr.key(0))
-    solution = optx.minimise(draw_of, solver, jnp.zeros(3), args, options=options, max_steps=None)
+    solution = minimise(
+        draw_of,
+        make_optimizer("bmo", 12, 25),
+        jnp.full(3, LOWER),
+        jnp.full(3, UPPER),
+        key=jr.key(6),
+        args=(None, jr.key(0)),
+        keyed_objective=True,
+    )
     draws = np.concatenate(seen)
     # Uniform float32 numbers have 2^23 values, so a few hundred draws hardly ever coincide.
     assert len(set(draws.tolist())) > 0.99 * len(draws)
@@ -233,21 +243,17 @@ def test_an_unknown_name_and_a_budget_too_small_are_refused(given, words):
 
 
 @pytest.mark.parametrize(
-    ("changed", "start", "words"),
+    ("changed", "words"),
     [
-        ({"key": None}, jnp.zeros(2), "key"),
-        ({"lower": None}, jnp.zeros(2), "lack lower"),
-        ({"upper": None}, jnp.zeros(2), "lack upper"),
-        ({"lower": 5.0, "upper": -5.0}, jnp.zeros(2), "above the upper"),
-        ({}, {"x": jnp.zeros(2)}, "one array"),
+        ({"key": None}, "key"),
+        ({"lower": None}, "lack lower"),
+        ({"upper": None}, "lack upper"),
+        ({"lower": 5.0, "upper": -5.0}, "above the upper"),
     ],
 )
-def test_options_and_a_start_that_make_no_search_are_refused(changed, start, words):
+def test_options_that_make_no_search_are_refused(changed, words):
     options = {"key": jr.key(0), "lower": LOWER, "upper": UPPER} | changed
     options = {name: value for name, value in options.items() if value is not None}
 
-    def loss(y, center):
-        return sphere(jnp.concatenate(jax.tree.leaves(y)), center)
-
     with pytest.raises(ValueError, match=words):
-        optx.minimise(loss, make_optimizer("bmo", 4, 1), start, 0.0, options=options)
+        optx.minimise(sphere, make_optimizer("bmo", 4, 1), jnp.zeros(2), 0.0, options=options)

@@ -30,8 +30,8 @@ from barnax.optimizers.leaders import (
     replace_leaders,
     three_best,
 )
-from barnax.optimizers.population import best_of, better_of_each
 from barnax.optimizers.pso import badness
+from barnax.optimizers.swarm import best_of, better_of_each
 
 BOX = Box(jnp.array([-4.0, 0.0, 10.0]), jnp.array([4.0, 1.0, 90.0]))
 CANDIDATES = 30

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from barnax.optimizers import Swarm, keep_best
-from barnax.optimizers.population import COUNTED, items_at_ranks, ranks
+from barnax.optimizers.swarm import COUNTED, items_at_ranks, ranks
 
 either_size = pytest.mark.parametrize("size", [1, 12, COUNTED + 10])
 

@@ -3,14 +3,17 @@
 import dataclasses
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import jax.random as jr
 import numpy as np
-import optimistix as optx
 
-from barnax.optimizers import AbstractPopulationMinimiser, ParticleSwarm, make_optimizer
+from barnax.optimizers import (
+    AbstractPopulationMinimiser,
+    ParticleSwarm,
+    make_optimizer,
+    minimise,
+)
 from benchmarks.li2023.test_functions import DIMS, FUNCTIONS, loss_of_problem, make_problem
 
 POPULATION, ITERATIONS, RUNS = 30, 500, 30
@@ -52,29 +55,16 @@ def run_optimizer(
     optimizer: AbstractPopulationMinimiser, function_name: str, key: jax.Array, runs: int
 ) -> Runs:
     """`runs` independent searches of an optimizer in one compiled call."""
-    histories, evaluations = _searches(optimizer, make_problem(function_name), jr.split(key, runs))
-    return Runs(np.asarray(histories), int(evaluations[0]))
-
-
-@eqx.filter_jit
-def _searches(optimizer, problem, keys):
-    half_width = problem.half_width
-
-    def one(key):
-        solution = optx.minimise(
-            loss_of_problem,
-            optimizer,
-            jnp.zeros(DIMS, half_width.dtype),
-            (problem, key),
-            options={
-                "key": key,
-                "lower": -half_width,
-                "upper": half_width,
-                "keyed_objective": True,
-            },
-            max_steps=None,
-            throw=False,
-        )
-        return solution.stats["history"], solution.stats["evaluations"]
-
-    return jax.vmap(one)(keys)
+    problem, width = make_problem(function_name), FUNCTIONS[function_name].half_width
+    solution = minimise(
+        loss_of_problem,
+        optimizer,
+        jnp.full(DIMS, -width),
+        jnp.full(DIMS, width),
+        key=jr.split(key, runs),
+        args=(problem, key),
+        keyed_objective=True,
+        throw=False,
+    )
+    stats = solution.stats
+    return Runs(np.asarray(stats["history"]), int(stats["evaluations"][0]))

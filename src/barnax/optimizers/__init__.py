@@ -5,9 +5,6 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
-
 from ..errors import InputError
 from .barnacle import BarnacleMating as BarnacleMating
 from .barnacle import bmo as bmo
@@ -22,15 +19,20 @@ from .leaders import ImprovedGreyWolf as ImprovedGreyWolf
 from .leaders import SailfishSearch as SailfishSearch
 from .leaders import SeagullSearch as SeagullSearch
 from .leaders import WhaleSearch as WhaleSearch
+from .minimise import from_numpy as from_numpy
+from .minimise import minimise as minimise
 from .population import AbstractPopulationMinimiser as AbstractPopulationMinimiser
-from .population import Box as Box
-from .population import Swarm as Swarm
-from .population import keep_best as keep_best
-from .population import sort_by_loss as sort_by_loss
+from .population import PopulationState as PopulationState
+from .population import Stop as Stop
+from .population import evaluations_per_iteration as evaluations_per_iteration
 from .pso import CoevolvingSwarm as CoevolvingSwarm
 from .pso import MixedSwarm as MixedSwarm
 from .pso import ParticleSwarm as ParticleSwarm
 from .pso import apso as apso
+from .swarm import Box as Box
+from .swarm import Swarm as Swarm
+from .swarm import keep_best as keep_best
+from .swarm import sort_by_loss as sort_by_loss
 
 # A new optimizer is one file and one line here.
 OPTIMIZERS: Mapping[str, Callable[..., AbstractPopulationMinimiser]] = MappingProxyType(
@@ -80,22 +82,6 @@ def make_optimizer(name: str, population: int, iterations: int) -> AbstractPopul
     if iterations < 1:
         raise InputError(f"a search needs at least 1 iteration; {iterations} was given")
     return OPTIMIZERS[name](population=population, iterations=iterations)
-
-
-def evaluations_per_iteration(optimizer: AbstractPopulationMinimiser) -> int:
-    """Number of candidates that the optimizer evaluates in one generation."""
-
-    def first_offspring(key, positions, losses):
-        box = Box(positions[0], positions[0] + 1)
-        swarm = optimizer.prepare(Swarm(positions, losses), box)
-        drawn = optimizer.draw(key, jnp.array(1), box)
-        return optimizer.propose(drawn, swarm, jnp.array(1), box)[0]
-
-    population = optimizer.population
-    shapes = jax.eval_shape(
-        first_offspring, jax.random.key(0), jnp.zeros((population, 2)), jnp.zeros(population)
-    )
-    return shapes.shape[0]
 
 
 def source_of(name: str) -> str:

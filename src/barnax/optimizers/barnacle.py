@@ -10,17 +10,8 @@ from jax import lax
 from jaxtyping import Array, Float, Key, UInt32
 
 from .draws import TentBranch, levy_step, normal, tent_map
-from .population import (
-    AbstractSortedSearch,
-    Box,
-    Generation,
-    Proposal,
-    Swarm,
-    better_of_each,
-    keep_best,
-    ranks,
-    sort_by_loss,
-)
+from .population import AbstractSortedSearch, Generation, Proposal
+from .swarm import Box, Swarm, better_of_each, keep_best, ranks, sort_by_loss
 
 MatingFactor = Literal["normal", "uniform", "one"]
 

@@ -7,8 +7,9 @@ import jax.random as jr
 from jaxtyping import Array, Bool, Float, Int, Key
 
 from .draws import normal
-from .population import AbstractSortedSearch, Box, Generation, Proposal, Swarm, keep_best
+from .population import AbstractSortedSearch, Generation, Proposal
 from .pso import badness
+from .swarm import Box, Swarm, keep_best
 
 
 class Mating(NamedTuple):

@@ -9,11 +9,9 @@ import jax.random as jr
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int, Key, Scalar
 
-from .population import (
-    AbstractPopulationMinimiser,
+from .population import AbstractPopulationMinimiser, Generation, Proposal
+from .swarm import (
     Box,
-    Generation,
-    Proposal,
     Swarm,
     best_first,
     best_of,

@@ -8,15 +8,8 @@ import jax.numpy as jnp
 import jax.random as jr
 from jaxtyping import Array, Bool, Float, Key, Scalar
 
-from .population import (
-    AbstractPopulationMinimiser,
-    Box,
-    Generation,
-    Proposal,
-    Swarm,
-    best_of,
-    better_of_each,
-)
+from .population import AbstractPopulationMinimiser, Generation, Proposal
+from .swarm import Box, Swarm, best_of, better_of_each
 
 
 class Flight(eqx.Module):

@@ -23,6 +23,7 @@ from ..execution import (
 from ..model.coordinates import Coordinates
 from ..model.problem import Objective, Problem, point_blocks, residuals, rmse_by_scan
 from ..model.search_space import Kind
+from ..optimizers.minimise import Undifferentiated
 from .answers import (
     AT_BOUND,
     AtBound,
@@ -33,7 +34,6 @@ from .answers import (
     largest_change,
     near_ends,
 )
-from .seeds import Undifferentiated
 
 # Steps of one round. Who needs many rounds creeps along a valley; only the best is followed there.
 STEPS = 50

@@ -7,13 +7,12 @@ import jax
 import jax.numpy as jnp
 import jax.random as jr
 import numpy as np
-import optimistix as optx
 from jaxtyping import Array, Key
 
 from ..errors import InputError
 from ..execution import compile_for, in_float64, run_blocks, seed_blocks, wanted_rows
 from ..model.problem import Objective, Problem, rmse, rmse_by_scan
-from ..optimizers import OPTIMIZERS, AbstractPopulationMinimiser
+from ..optimizers import OPTIMIZERS, AbstractPopulationMinimiser, minimise
 from .answers import Search, SeedAnswer
 
 
@@ -134,37 +133,13 @@ def search_of(
     )
 
 
-class Undifferentiated(optx.AbstractAdjoint):
-    """Iterations that nothing differentiates: made a program in half the time."""
-
-    def apply(self, primal_fn, rewrite_fn, inputs, tags):
-        def loop(goes_on, step, start, *, max_steps):
-            def goes_on_so_far(carry):
-                return goes_on(carry) & (carry[1] < max_steps)
-
-            return jax.lax.while_loop(goes_on_so_far, step, start)
-
-        return primal_fn((*inputs, loop))
-
-
 def _search(
     optimizer: AbstractPopulationMinimiser, objective: Objective, keys: Key[Array, "seeds"]
 ):
     """Best point and loss, evaluations and failures of every key, in one compiled call."""
     box = objective.coordinates
-
-    def one(key):
-        solution = optx.minimise(
-            rmse,
-            optimizer,
-            jnp.zeros_like(box.lower),
-            objective,
-            {"key": key, "lower": box.lower, "upper": box.upper},
-            max_steps=1,
-            adjoint=Undifferentiated(),
-            throw=False,
-        )
-        stats = solution.stats
-        return solution.value, stats["best_loss"], stats["evaluations"], stats["failures"]
-
-    return jax.vmap(one)(keys)
+    solution = minimise(
+        rmse, optimizer, box.lower, box.upper, key=keys, args=objective, throw=False
+    )
+    stats = solution.stats
+    return solution.value, stats["best_loss"], stats["evaluations"], stats["failures"]

@@ -1,0 +1,193 @@
+"""A search in one call: own functions, NumPy ones, many keys, restarts."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import jax.random as jr
+import numpy as np
+import optimistix as optx
+from jax import lax
+from jax.core import Tracer
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Key, PyTree
+
+from ..errors import InputError
+from .population import AbstractPopulationMinimiser, as_key, flat_bounds, where_else
+
+# What JAX raises where a function asks for the values of a traced argument, as NumPy's do.
+ASKS_FOR_VALUES = (
+    jax.errors.ConcretizationTypeError,
+    jax.errors.TracerArrayConversionError,
+    jax.errors.TracerIntegerConversionError,
+)
+
+
+class Undifferentiated(optx.AbstractAdjoint):
+    """Iterations that nothing differentiates: made a program in half the time."""
+
+    def apply(self, primal_fn, rewrite_fn, inputs, tags):
+        def loop(goes_on, step, start, *, max_steps):
+            def goes_on_so_far(carry):
+                return goes_on(carry) & (True if max_steps is None else carry[1] < max_steps)
+
+            return lax.while_loop(goes_on_so_far, step, start)
+
+        return primal_fn((*inputs, loop))
+
+
+def minimise(
+    fn: Callable[[PyTree, PyTree], Any],
+    optimizer: AbstractPopulationMinimiser,
+    lower: PyTree,
+    upper: PyTree,
+    *,
+    key: Key[Array, "*seeds"],
+    args: PyTree = None,
+    y0: PyTree = None,
+    has_aux: bool = False,
+    keyed_objective: bool = False,
+    restarts: int = 0,
+    callback: Callable[[Any, Any, Any], None] | None = None,
+    throw: bool = True,
+) -> optx.Solution:
+    """The solution of `optimistix.minimise` by a population optimizer, in one compiled call.
+
+    Args:
+        fn: `fn(y, args)`, a number to minimise, written with `jax.numpy`; NaN or infinity where
+            `y` is not allowed. `from_numpy` makes one of a NumPy function.
+        optimizer: Such as `ibmo_centered()`; its `stop` ends a search early.
+        lower: Lower bounds, a pytree of numbers and arrays that has the structure of `y`.
+        upper: Upper bounds, the same.
+        key: A key of `jax.random`, or an array of keys: a search for each, with the bits that it
+            has alone.
+        args: Passed on to `fn`.
+        y0: A guess inside the bounds, which is the first candidate.
+        has_aux: True if `fn` returns a pair, of a number and something to keep of the best.
+        keyed_objective: True if `args` is a pair `(data, key)` whose key is to be a fresh one at
+            every evaluation.
+        restarts: Further searches, of fresh populations, while the target is missed and
+            evaluations are left. The best is the answer, counts are those of all.
+        callback: Called with generation, evaluations and best loss after each generation of each
+            search.
+        throw: True if a search where no loss was finite is to raise.
+
+    Raises `InputError` for bounds in the wrong order, a `y0` outside them, and a function that JAX
+    cannot trace.
+
+    >>> from barnax.optimizers import ibmo_centered
+    >>> ends = {"r": 0.0, "tau": jnp.zeros(2)}, {"r": 1.0, "tau": jnp.full(2, 9.0)}
+    >>> solution = minimise(
+    ...     lambda y, args: (y["r"] - 0.5) ** 2 + jnp.sum((y["tau"] - 4) ** 2),
+    ...     ibmo_centered(iterations=30),
+    ...     *ends,
+    ...     key=jax.random.key(0),
+    ... )
+    >>> bool(abs(solution.value["r"] - 0.5) < 0.1)
+    True
+    """
+    if y0 is None:
+        y0, use_y0 = jax.tree.map(_zeros_between, lower, upper), False
+    else:
+        y0, use_y0 = jax.tree.map(lambda leaf: jnp.asarray(leaf) * 1.0, y0), True
+    options = {"lower": lower, "upper": upper, "in_one_step": True, "callback": callback}
+    options |= {"keyed_objective": keyed_objective, "use_y0": use_y0}
+    _require_inside(y0, options)
+    try:
+        return _solve(fn, optimizer, y0, args, options, as_key(key), restarts, has_aux, throw)
+    except ASKS_FOR_VALUES as error:
+        raise InputError(
+            "the function asks for values while JAX traces it, as NumPy's functions and `if` do; "
+            "write it with jax.numpy, or give `from_numpy(fn)`, which calls Python every time"
+        ) from error
+
+
+@eqx.filter_jit
+def _solve(fn, optimizer, y0, args, options, keys, restarts, has_aux, throw) -> optx.Solution:
+    how: dict[str, Any] = {"has_aux": has_aux, "max_steps": None, "adjoint": Undifferentiated()}
+
+    def search(key):
+        return optx.minimise(fn, optimizer, y0, args, options | {"key": key}, throw=throw, **how)
+
+    def search_again(key):
+        first = optx.minimise(fn, optimizer, y0, args, options | {"key": key}, throw=False, **how)
+        arrays, rest = eqx.partition(first, eqx.is_array)
+        stop = optimizer.stop
+
+        def goes_on(carry):
+            number, best = carry
+            going = number <= restarts
+            if stop.target is not None:
+                going &= best.stats["best_loss"] > stop.target
+            if stop.max_evaluations is not None:
+                going &= best.stats["evaluations"] + optimizer.population <= stop.max_evaluations
+            return going
+
+        def again(carry):
+            number, best = carry
+            left = stop.max_evaluations
+            left = left if left is None else left - best.stats["evaluations"]
+            asked = options | {"key": jr.fold_in(key, number), "use_y0": False}
+            solver = replace(optimizer, stop=stop._replace(max_evaluations=left))
+            new = optx.minimise(fn, solver, y0, args, asked, throw=False, **how)
+            is_better = new.stats["best_loss"] < best.stats["best_loss"]
+            kept = where_else(is_better, eqx.filter(new, eqx.is_array), best)
+            spent = {
+                name: best.stats[name] + new.stats[name] for name in ("evaluations", "failures")
+            }
+            return number + 1, eqx.tree_at(lambda s: s.stats, kept, kept.stats | spent)
+
+        _, arrays = lax.while_loop(goes_on, again, (jnp.array(1), arrays))
+        solution = eqx.combine(arrays, rest)
+        if throw:
+            solution = solution.result.error_if(
+                solution, solution.result != optx.RESULTS.successful
+            )
+        return solution
+
+    one = search_again if restarts else search
+    return one(keys) if keys.ndim == 0 else eqx.filter_vmap(one)(keys)
+
+
+def _zeros_between(low: Any, high: Any) -> Array:
+    shape = np.broadcast_shapes(np.shape(low), np.shape(high))
+    return jnp.zeros(shape, jnp.result_type(float, low, high))
+
+
+def _require_inside(y: PyTree, options: dict[str, Any]) -> None:
+    """Raise `InputError` for bounds in the wrong order, and a guess outside them."""
+    ends = [*flat_bounds(y, options), ravel_pytree(y)[0]]
+    if not options["use_y0"] or any(isinstance(end, Tracer) for end in ends):
+        return
+    low, high, guess = map(np.asarray, ends)
+    if not np.all((low <= guess) & (guess <= high)):
+        raise InputError(f"`y0` {guess} is not between the bounds {low} and {high}; move it inside")
+
+
+def from_numpy(fn: Callable[[PyTree, PyTree], Any]) -> Callable[[PyTree, PyTree], Array]:
+    """A function of NumPy arrays, `fn(y, args)`, as one that JAX can trace.
+
+    Each evaluation leaves the compiled program and calls Python, one candidate after the other,
+    which takes some COST beside what `fn` takes itself; whoever can compute a whole population at
+    once is better served by `ask` and `tell`. Make it once: another call is another function,
+    compiled anew.
+
+    >>> bool(from_numpy(lambda y, args: np.sum(y**2))(jnp.ones(3), None) == 3)
+    True
+    """
+
+    def objective(y: PyTree, args: PyTree) -> Array:
+        dtype = jnp.result_type(*jax.tree.leaves(y))
+        arrays, rest = eqx.partition(args, eqx.is_array)
+
+        def call(y, arrays):
+            y, arrays = jax.tree.map(np.asarray, (y, arrays))
+            return np.asarray(fn(y, eqx.combine(arrays, rest)), dtype)
+
+        number = jax.ShapeDtypeStruct((), dtype)
+        return jax.pure_callback(call, number, y, arrays, vmap_method="sequential")
+
+    return objective

@@ -1,0 +1,171 @@
+"""Searches in one call and step by step: stops, guesses, pytrees, NumPy, restarts, progress."""
+
+import subprocess
+import sys
+
+import jax
+import jax.numpy as jnp
+import jax.random as jr
+import numpy as np
+import optimistix as optx
+import pytest
+
+from barnax.optimizers import BarnacleMating, Stop, from_numpy, minimise
+
+KEY = jr.key(4)
+CENTER = jnp.array([1.0, -2.0])
+LOWER, UPPER = jnp.full(2, -4.0), jnp.full(2, 3.0)
+NEVER = Stop()
+SMALL = {"population": 8, "iterations": 20}
+
+
+def bowl(y, args):
+    return jnp.sum((y - CENTER) ** 2)
+
+
+def run(stop=NEVER, fn=bowl, key=KEY, **settings):
+    return minimise(fn, BarnacleMating(**SMALL, stop=stop), LOWER, UPPER, key=key, **settings)
+
+
+@pytest.fixture(scope="module")
+def whole():
+    return run(key=jr.split(KEY, 4))
+
+
+def history_of(solution):
+    return np.asarray(solution.stats["history"])
+
+
+def test_a_search_asked_and_told_is_that_of_one_call(whole):
+    """The losses come from NumPy; what JAX is asked for are positions alone."""
+    optimizer = BarnacleMating(**SMALL)
+    ask, tell = jax.jit(optimizer.ask), jax.jit(optimizer.tell)
+    state = optimizer.begin(jr.split(KEY, 4)[0], LOWER, UPPER)
+    history = []
+    while not optimizer.is_over(state):
+        positions, state = ask(state)
+        losses = np.sum((np.asarray(positions) - np.asarray(CENTER)) ** 2, axis=1)
+        state = tell(state, positions, losses)
+        history.append(float(state.best_loss))
+    np.testing.assert_allclose(history, history_of(whole)[0], rtol=1e-4)
+    np.testing.assert_array_equal(state.history, np.float32(history))
+    assert state.evaluations == 8 * 21
+
+
+def test_states_beside_each_other_are_asked_and_told_in_one_call():
+    optimizer, keys = BarnacleMating(**SMALL), jr.split(KEY, 3)
+
+    def generations(key):
+        state = optimizer.begin(key, LOWER, UPPER)
+        for _ in range(3):
+            positions, state = optimizer.ask(state)
+            state = optimizer.tell(state, positions, jnp.sum(positions**2, axis=1))
+        return state.best_loss, positions
+
+    together = jax.jit(jax.vmap(generations))(keys)
+    alone = [jax.jit(generations)(key) for key in keys]
+    for each, other in zip(together, zip(*alone, strict=True), strict=True):
+        np.testing.assert_allclose(each, jnp.stack(other), rtol=1e-6)
+
+
+def test_a_tenth_step_of_optimistix_is_the_tenth_generation(whole):
+    options = {"key": jr.split(KEY, 4)[0], "lower": -4.0, "upper": 3.0, "use_y0": False}
+    solution = optx.minimise(
+        bowl, BarnacleMating(**SMALL), jnp.zeros(2), options=options, max_steps=10, throw=False
+    )
+    assert solution.result == optx.RESULTS.nonlinear_max_steps_reached
+    assert (solution.stats["evaluations"], solution.stats["num_steps"]) == (88, 10)
+    expected = np.append(history_of(whole)[0, :11], [history_of(whole)[0, 10]] * 10)
+    np.testing.assert_allclose(history_of(solution), expected, rtol=1e-4)
+
+
+def test_a_guess_is_the_first_candidate_and_has_to_lie_inside():
+    guessed = run(y0=CENTER)
+    assert guessed.stats["best_loss"] == guessed.stats["history"][0] == 0
+    np.testing.assert_array_equal(guessed.value, CENTER)
+    with pytest.raises(ValueError, match=r"`y0` \[9. 9.\] is not between"):
+        run(y0=jnp.full(2, 9.0))
+
+
+@pytest.mark.parametrize(
+    ("stop", "is_reached"),
+    [
+        (Stop(target=0.3), lambda history, at: history[at] <= 0.3),
+        (Stop(max_evaluations=75), lambda history, at: 8 * (at + 2) > 75),
+        (
+            Stop(ftol=0.2, patience=4),
+            lambda history, at: at >= 4 and history[at - 4] - history[at] <= 0.2 * history[at],
+        ),
+    ],
+    ids=["target", "max_evaluations", "ftol"],
+)
+def test_each_search_ends_in_the_first_generation_where_its_stop_is_reached(
+    whole, stop, is_reached
+):
+    stopped = run(stop, key=jr.split(KEY, 4))
+    ends = []
+    for histories in zip(history_of(whole), history_of(stopped), strict=True):
+        complete, cut = histories
+        end = next((at for at in range(20) if is_reached(complete, at)), 20)
+        np.testing.assert_array_equal(cut, np.append(complete[:end], [complete[end]] * (21 - end)))
+        ends.append(end)
+    assert min(ends) < 20
+    np.testing.assert_array_equal(stopped.stats["evaluations"], 8 * (np.array(ends) + 1))
+    alone = run(stop, key=jr.split(KEY, 4)[1])
+    np.testing.assert_array_equal(history_of(alone), history_of(stopped)[1])
+
+
+def test_a_pytree_is_searched_as_its_numbers_in_order_are(whole):
+    def bowl_of_tree(y, args):
+        return (y["a"] - CENTER[0]) ** 2 + jnp.sum((y["b"] - CENTER[1]) ** 2)
+
+    tree = minimise(
+        bowl_of_tree,
+        BarnacleMating(**SMALL),
+        {"a": -4.0, "b": jnp.full((1, 1), -4.0)},
+        {"a": 3.0, "b": jnp.full((1, 1), 3.0)},
+        key=jr.split(KEY, 4),
+    )
+    assert tree.value["b"].shape == (4, 1, 1)
+    np.testing.assert_allclose(history_of(tree), history_of(whole), rtol=1e-5)
+
+
+def test_a_numpy_function_is_refused_bare_and_searched_wrapped(whole):
+    def of_numpy(y, args):
+        return float(np.linalg.norm(np.asarray(y) - args) ** 2)
+
+    with pytest.raises(ValueError, match=r"write it with jax\.numpy, or give `from_numpy"):
+        run(fn=of_numpy, args=np.asarray(CENTER))
+    wrapped = run(fn=from_numpy(of_numpy), args=np.asarray(CENTER), key=jr.split(KEY, 4)[0])
+    np.testing.assert_allclose(history_of(wrapped), history_of(whole)[0], rtol=1e-4)
+
+
+def test_restarts_go_on_from_fresh_keys_until_the_target_or_the_budget():
+    stop = Stop(target=1e-9, max_evaluations=300)
+    plain, again = run(Stop(target=1e-9)), run(stop, restarts=5)
+    # A search takes 168; what is left holds 132, that is 16 generations with the first.
+    assert again.stats["evaluations"] == 168 + 8 * 16
+    second = run(Stop(max_evaluations=132), key=jr.fold_in(KEY, 1))
+    best = min(plain.stats["best_loss"], second.stats["best_loss"])
+    assert again.stats["best_loss"] == pytest.approx(float(best), rel=1e-4)
+    easy = run(Stop(target=100.0), restarts=5)
+    assert easy.stats["evaluations"] == 8
+
+
+def test_progress_is_called_after_every_generation():
+    calls = []
+    solution = run(callback=lambda *spent: calls.append([float(number) for number in spent]))
+    jax.effects_barrier()
+    generations, evaluations, losses = np.array(sorted(calls)).T
+    np.testing.assert_array_equal(generations, np.arange(21))
+    np.testing.assert_array_equal(evaluations, 8 * np.arange(1, 22))
+    np.testing.assert_array_equal(np.float32(losses), history_of(solution))
+
+
+def test_the_optimizers_load_no_tables_figures_schemas_or_batteries():
+    code = "import sys, barnax.optimizers; print(*sys.modules)"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    loaded = set(run.stdout.split())
+    assert not loaded & {"polars", "matplotlib", "pydantic", "pandas", "scipy.optimize"}
+    ours = {name.split(".")[1] for name in loaded if name.startswith("barnax.")}
+    assert ours == {"optimizers", "errors", "display"}

@@ -46,7 +46,9 @@ SMALLER = {
     "seeds=30": "seeds=2",
     "iterations=500": "iterations=5",
     "ibmo()": "ibmo(iterations=5)",
+    "ibmo_centered()": "ibmo_centered(iterations=5)",
     "(0), 30)": "(0), 2)",
+    "30, 500, ": "30, 5, ",
     "RandomWalk()": "RandomWalk(iterations=20)",
 }
 

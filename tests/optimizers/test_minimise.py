@@ -15,7 +15,7 @@ from barnax.optimizers import BarnacleMating, Stop, from_numpy, minimise
 KEY = jr.key(4)
 CENTER = jnp.array([1.0, -2.0])
 LOWER, UPPER = jnp.full(2, -4.0), jnp.full(2, 3.0)
-NEVER = Stop()
+
 SMALL = {"population": 8, "iterations": 20}
 
 
@@ -23,8 +23,9 @@ def bowl(y, args):
     return jnp.sum((y - CENTER) ** 2)
 
 
-def run(stop=NEVER, fn=bowl, key=KEY, **settings):
-    return minimise(fn, BarnacleMating(**SMALL, stop=stop), LOWER, UPPER, key=key, **settings)
+def run(stop=None, fn=bowl, key=KEY, **settings):
+    optimizer = BarnacleMating(**SMALL, stop=stop or Stop())
+    return minimise(fn, optimizer, LOWER, UPPER, key=key, **settings)
 
 
 @pytest.fixture(scope="module")

@@ -202,13 +202,48 @@ def test_an_improved_grey_wolf_has_the_leaders_of_the_loop(before, after):
     np.testing.assert_allclose(moved[:9, 0], np.mean(pack.memory.positions), rtol=1e-6)
 
 
-def test_the_random_wolf_of_a_step_is_another_in_every_dimension():
-    """The authors' code takes one for all dimensions."""
-    wolves = jnp.array([[0.0, 0.0], [1.0, 1.0], [2.0, 2.0]])
-    numbers = jnp.stack([jnp.zeros((3, 2)), jnp.array([[0.0, 0.9]] * 3), jnp.ones((3, 2))])
-    learned = learn_from_neighbors(numbers, wolves, wolves)
-    # No wolf has a neighbor but itself: each is carried to twice itself less the random one.
-    np.testing.assert_allclose(learned, 2 * wolves - jnp.array([0.0, 2.0]))
+@pytest.mark.parametrize("is_published", [False, True])
+def test_an_improved_grey_wolf_moves_as_in_the_loops_of_its_authors_code(is_published):
+    """IGWO.m (Nadimi-Shahraki et al., 2021), its loops and bounds; else ours, in the same loops."""
+    solver = ImprovedGreyWolf(9, 20, midpoint_bounds=is_published, one_random_wolf=is_published)
+    swarm, (hunt_numbers, learn_numbers) = prepared(solver)
+    moved, _ = proposed(solver, (hunt_numbers, learn_numbers), swarm)
+    x, leaders, low, high = map(
+        np.asarray, (swarm.positions, swarm.memory.positions, BOX.lower, BOX.upper)
+    )
+    r1, r2 = np.asarray(hunt_numbers)
+    chance, wolf_chance, step = np.asarray(learn_numbers)
+    wolves = np.floor(wolf_chance * 9).astype(int)
+    if is_published:
+        assert (wolves == wolves[:, :1]).all()
+        np.testing.assert_array_equal(np.sort(wolves[:, 0]), np.arange(9))
+
+    def bounded(place, now):
+        below, above = place < low, place > high
+        ends = ((now + low) / 2, (now + high) / 2) if is_published else (low, high)
+        return np.where(below, ends[0], np.where(above, ends[1], place)), below | above
+
+    outside = 0
+    for i in range(9):
+        about = [
+            leaders[k] - 2 * (2 * r1[k, i] - 1) * np.abs(2 * r2[k, i] * leaders[k] - x[i])
+            for k in range(3)
+        ]
+        hunted, is_out = bounded(np.mean(about, axis=0), x[i])
+        np.testing.assert_allclose(moved[i], hunted, rtol=1e-4, atol=1e-5)
+        radius = np.linalg.norm(x[i] - hunted)
+        near = [j for j in range(9) if np.linalg.norm(x[i] - x[j]) <= radius]
+        learned = np.array(
+            [
+                x[i, d]
+                + step[i, d] * (x[near[int(chance[i, d] * len(near))], d] - x[wolves[i, d], d])
+                for d in range(3)
+            ]
+        )
+        learned, leaves = bounded(learned, x[i])
+        np.testing.assert_allclose(moved[9 + i], learned, rtol=1e-4, atol=1e-4)
+        outside += (is_out | leaves).sum()
+    assert outside > 0
 
 
 def test_demoted_leaders_are_the_three_best_ever():

@@ -2,10 +2,15 @@
 
 import inspect
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from types import MappingProxyType
 from typing import NamedTuple
 
 from ..errors import InputError
+from .ask_tell import NEVER
+from .ask_tell import PopulationState as PopulationState
+from .ask_tell import Stop as Stop
+from .ask_tell import evaluations_per_iteration as evaluations_per_iteration
 from .barnacle import BarnacleMating as BarnacleMating
 from .barnacle import bmo as bmo
 from .barnacle import ibmo as ibmo
@@ -22,9 +27,6 @@ from .leaders import WhaleSearch as WhaleSearch
 from .minimise import from_numpy as from_numpy
 from .minimise import minimise as minimise
 from .population import AbstractPopulationMinimiser as AbstractPopulationMinimiser
-from .population import PopulationState as PopulationState
-from .population import Stop as Stop
-from .population import evaluations_per_iteration as evaluations_per_iteration
 from .pso import CoevolvingSwarm as CoevolvingSwarm
 from .pso import MixedSwarm as MixedSwarm
 from .pso import ParticleSwarm as ParticleSwarm
@@ -65,13 +67,16 @@ class OptimizerSummary(NamedTuple):
     evaluations_per_iteration: int
 
 
-def make_optimizer(name: str, population: int, iterations: int) -> AbstractPopulationMinimiser:
+def make_optimizer(
+    name: str, population: int, iterations: int, stop: Stop = NEVER
+) -> AbstractPopulationMinimiser:
     """The optimizer registered under a name.
 
     Args:
         name: One of `OPTIMIZERS`.
         population: Candidates of a generation.
         iterations: Generations of a run.
+        stop: When it ends earlier.
 
     Raises `InputError` for an unknown name, and for a population or budget that is too small.
     """
@@ -81,7 +86,7 @@ def make_optimizer(name: str, population: int, iterations: int) -> AbstractPopul
         raise InputError(f"a population needs at least 4 candidates; {population} was given")
     if iterations < 1:
         raise InputError(f"a search needs at least 1 iteration; {iterations} was given")
-    return OPTIMIZERS[name](population=population, iterations=iterations)
+    return replace(OPTIMIZERS[name](population=population, iterations=iterations), stop=stop)
 
 
 def source_of(name: str) -> str:

@@ -9,8 +9,9 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Float, Key, UInt32
 
+from .ask_tell import Generation, Proposal
 from .draws import TentBranch, levy_step, normal, tent_map
-from .population import AbstractSortedSearch, Generation, Proposal
+from .population import AbstractSortedSearch
 from .swarm import Box, Swarm, better_of_each, keep_best, ranks, sort_by_loss
 
 MatingFactor = Literal["normal", "uniform", "one"]

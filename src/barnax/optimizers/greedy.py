@@ -6,8 +6,9 @@ import jax.numpy as jnp
 import jax.random as jr
 from jaxtyping import Array, Bool, Float, Int, Key
 
+from .ask_tell import Generation, Proposal
 from .draws import normal
-from .population import AbstractSortedSearch, Generation, Proposal
+from .population import AbstractSortedSearch
 from .pso import badness
 from .swarm import Box, Swarm, keep_best
 

@@ -9,7 +9,8 @@ import jax.random as jr
 from jax import lax
 from jaxtyping import Array, Bool, Float, Int, Key, Scalar
 
-from .population import AbstractPopulationMinimiser, Generation, Proposal
+from .ask_tell import Generation, Proposal
+from .population import AbstractPopulationMinimiser
 from .swarm import (
     Box,
     Swarm,
@@ -312,15 +313,18 @@ class ImprovedGreyWolf(AbstractPopulationMinimiser):
     Every wolf weighs two places, that of the grey wolf optimizer and one learned from its
     neighbors dimension by dimension, and moves to the better if that beats where it stands. Two
     evaluations a wolf and generation. The leaders are those of `GreyWolf`, as in the authors' code.
-    That code departs from ours in two things: a coordinate that leaves the box is put halfway
-    between the bound and where the wolf stands, and the random wolf of a step is one for all
-    dimensions, from a permutation of the pack. Here the coordinate is put on the bound, as by every
-    optimizer of this package, and the wolf is drawn anew in every dimension, as the paper's Eq. 12
-    reads.
+    By default a coordinate that leaves the box is put on its bound, as by every optimizer of this
+    package, and the random wolf of a step is drawn anew in every dimension, as the paper's Eq. 12
+    reads. The authors' code does otherwise: with `midpoint_bounds` the coordinate is put halfway
+    between the bound and where the wolf stands, and with `one_random_wolf` that wolf is one for all
+    dimensions, from a permutation of the pack. With both, the search is that of the code.
 
     Li et al. (2023) cite this algorithm, but their Table 2 column of the same name is not its
     work: `benchmarks/results/table2_z_scores.md`. No option here gives that column.
     """
+
+    midpoint_bounds: bool = False
+    one_random_wolf: bool = False
 
     def prepare(self, swarm: Swarm, box: Box) -> Swarm:
         return follow(without_leaders(swarm), replace_leaders)
@@ -329,7 +333,11 @@ class ImprovedGreyWolf(AbstractPopulationMinimiser):
         hunt_key, learn_key = jr.split(key)
         shape, dtype = (self.population, len(box.lower)), box.lower.dtype
         hunt_numbers = jr.uniform(hunt_key, (2, 3, *shape), dtype)
-        return hunt_numbers, jr.uniform(learn_key, (3, *shape), dtype)
+        learn_numbers = jr.uniform(learn_key, (3, *shape), dtype)
+        if self.one_random_wolf:
+            order = ranks(learn_numbers[1, :, 0]).astype(dtype)
+            learn_numbers = learn_numbers.at[1].set(((order + 0.5) / self.population)[:, None])
+        return hunt_numbers, learn_numbers
 
     def propose(
         self, drawn: tuple[Array, Array], swarm: Swarm, generation: Generation, box: Box
@@ -337,10 +345,9 @@ class ImprovedGreyWolf(AbstractPopulationMinimiser):
         hunt_numbers, learn_numbers = drawn
         positions, leaders = swarm.positions, swarm.memory
         hunted = hunt(hunt_numbers, positions, leaders.positions, generation, self.iterations)
-        if self.bounded:
-            hunted = box.clip(hunted)
+        hunted = self._inside(hunted, positions, box)
         learned = learn_from_neighbors(learn_numbers, positions, hunted)
-        return jnp.concatenate([hunted, learned]), leaders
+        return jnp.concatenate([hunted, self._inside(learned, positions, box)]), leaders
 
     def survive(self, swarm: Swarm, offspring: Swarm, generation: Generation) -> Swarm:
         stacked = (self.population, 2)
@@ -350,6 +357,13 @@ class ImprovedGreyWolf(AbstractPopulationMinimiser):
         chosen = jnp.where(takes_hunted[:, None], positions[0], positions[1])
         kept = better_of_each(swarm, Swarm(chosen, jnp.min(losses, axis=1)))
         return follow(Swarm(kept.positions, kept.losses, offspring.memory), replace_leaders)
+
+    def _inside(self, moved: Array, positions: Array, box: Box) -> Array:
+        if not (self.bounded and self.midpoint_bounds):
+            return box.clip(moved) if self.bounded else moved
+        passed = jnp.where(moved < box.lower, box.lower, box.upper)
+        is_out = (moved < box.lower) | (moved > box.upper)
+        return jnp.where(is_out, (positions + passed) / 2, moved)
 
 
 def learn_from_neighbors(

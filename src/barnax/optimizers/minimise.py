@@ -16,7 +16,8 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Key, PyTree
 
 from ..errors import InputError
-from .population import AbstractPopulationMinimiser, as_key, flat_bounds, where_else
+from .ask_tell import as_key
+from .population import AbstractPopulationMinimiser, flat_bounds, where_else
 
 # What JAX raises where a function asks for the values of a traced argument, as NumPy's do.
 ASKS_FOR_VALUES = (
@@ -170,24 +171,34 @@ def _require_inside(y: PyTree, options: dict[str, Any]) -> None:
 def from_numpy(fn: Callable[[PyTree, PyTree], Any]) -> Callable[[PyTree, PyTree], Array]:
     """A function of NumPy arrays, `fn(y, args)`, as one that JAX can trace.
 
-    Each evaluation leaves the compiled program and calls Python, one candidate after the other,
-    which takes some COST beside what `fn` takes itself; whoever can compute a whole population at
-    once is better served by `ask` and `tell`. Make it once: another call is another function,
-    compiled anew.
+    Each generation leaves the compiled program and calls Python once for every candidate, one after
+    the other, some 30 us each beside what `fn` itself takes. Who computes a whole population at
+    once is better served by `ask` and `tell`. Make it once: another one is compiled anew.
 
     >>> bool(from_numpy(lambda y, args: np.sum(y**2))(jnp.ones(3), None) == 3)
     True
     """
 
     def objective(y: PyTree, args: PyTree) -> Array:
-        dtype = jnp.result_type(*jax.tree.leaves(y))
         arrays, rest = eqx.partition(args, eqx.is_array)
+        leaves = jax.tree.leaves(y)
+        dtype, dims = jnp.result_type(*leaves), leaves[0].ndim
 
-        def call(y, arrays):
-            y, arrays = jax.tree.map(np.asarray, (y, arrays))
-            return np.asarray(fn(y, eqx.combine(arrays, rest)), dtype)
+        def call(*given):
+            given = jax.tree.map(np.asarray, given)
+            every = jax.tree.leaves(given)
+            # What is the same for all candidates has leading axes of one.
+            leading = every[0].ndim - dims
+            batch = np.broadcast_shapes(*(leaf.shape[:leading] for leaf in every))
+            spread = [np.broadcast_to(leaf, batch + leaf.shape[leading:]) for leaf in every]
+            losses = np.empty(batch, dtype)
+            for at in np.ndindex(batch):
+                one = [leaf[at] for leaf in spread]
+                y, arrays = jax.tree.unflatten(jax.tree.structure(given), one)
+                losses[at] = fn(y, eqx.combine(arrays, rest))
+            return losses
 
         number = jax.ShapeDtypeStruct((), dtype)
-        return jax.pure_callback(call, number, y, arrays, vmap_method="sequential")
+        return jax.pure_callback(call, number, y, arrays, vmap_method="expand_dims")
 
     return objective

@@ -8,7 +8,8 @@ import jax.numpy as jnp
 import jax.random as jr
 from jaxtyping import Array, Bool, Float, Key, Scalar
 
-from .population import AbstractPopulationMinimiser, Generation, Proposal
+from .ask_tell import Generation, Proposal
+from .population import AbstractPopulationMinimiser
 from .swarm import Box, Swarm, best_of, better_of_each
 
 

@@ -1,0 +1,268 @@
+"""A search step by step: its state, when it stops, what it asks for and what it is told.
+
+An algorithm says how a first population is laid out (`start`, `prepare`), what of a generation is
+random (`draw`), how new positions are proposed (`propose`) and which candidates live on
+(`survive`). Bounds, keys, losses that are not finite, counting, stops and the history are settled
+here, once.
+"""
+
+import abc
+from dataclasses import field, replace
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import jax.random as jr
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Bool, Float, Int, Key, PyTree, Scalar
+
+from ..errors import InputError
+from .draws import written_out
+from .swarm import Box, Swarm
+
+Generation = Int[Array, ""]
+# New positions to evaluate, and the new memory.
+Proposal = tuple[Float[Array, "offspring dims"], PyTree]
+
+
+class Stop(NamedTuple):
+    """When a search ends before its `iterations` are over; None is never.
+
+    Attributes:
+        target: At a best loss of this or less.
+        max_evaluations: Before a generation that would take the evaluations beyond these.
+        ftol: Where the best loss fell by no more than this share of itself in `patience`
+            generations.
+        patience: Those generations.
+    """
+
+    target: float | None = None
+    max_evaluations: Any = None
+    ftol: float | None = None
+    patience: int = 50
+
+    @property
+    def is_early(self) -> bool:
+        """True if there is anything to stop at."""
+        return any(limit is not None for limit in self[:3])
+
+
+NEVER = Stop()
+
+
+class PopulationState(eqx.Module):
+    """A search between two generations.
+
+    Attributes:
+        key: The key of all its numbers; None in a state that Optimistix keeps.
+        box: Its bounds.
+        swarm: The candidates, without losses before the first population is evaluated.
+        best_position: The best candidate so far.
+        best_loss: Its loss.
+        best_aux: What came with that loss.
+        generation: Generations after the first population.
+        evaluations: Candidates evaluated.
+        failures: Losses that were not finite.
+        history: The best loss after each generation, the first population's first.
+    """
+
+    key: Any
+    box: Box
+    swarm: Swarm
+    best_position: Float[Array, "dims"]
+    best_loss: Scalar
+    best_aux: PyTree
+    generation: Generation
+    evaluations: Int[Array, ""]
+    failures: Int[Array, ""]
+    history: Float[Array, "generations"]
+
+    @property
+    def is_new(self) -> bool:
+        """True before the first population is evaluated."""
+        return not len(self.swarm.losses)
+
+
+class AbstractPopulationSearch(eqx.Module):
+    """A search inside a box with a population of candidates, for `iterations` generations.
+
+    Attributes:
+        population: Candidates of a generation.
+        iterations: Generations of a run, by which rates that fall or rise with them are set.
+        bounded: True if every candidate is clipped to the box before it is evaluated. Else only
+            the first population lies inside; some published results were made that way.
+        stop: When a search ends earlier.
+    """
+
+    population: int = 30
+    iterations: int = 500
+    bounded: bool = field(default=True, kw_only=True)
+    stop: Stop = field(default=NEVER, kw_only=True)
+
+    def start(self, key: Key[Array, ""], box: Box, dtype: Any) -> Float[Array, "candidates dims"]:
+        """The initial positions, `population` of them; by default at random all over the box."""
+        return box.scale(jr.uniform(key, (self.population, len(box.lower)), dtype))
+
+    @abc.abstractmethod
+    def prepare(self, swarm: Swarm, box: Box) -> Swarm:
+        """The evaluated first population in the algorithm's order, with its first memory."""
+
+    @abc.abstractmethod
+    def draw(self, key: Key[Array, ""], generation: Generation, box: Box) -> PyTree:
+        """All that is random in `generation` (1 to `iterations`), whatever the swarm is like."""
+
+    @abc.abstractmethod
+    def propose(self, drawn: PyTree, swarm: Swarm, generation: Generation, box: Box) -> Proposal:
+        """New positions to evaluate in `generation`, and the new memory."""
+
+    @abc.abstractmethod
+    def survive(self, swarm: Swarm, offspring: Swarm, generation: Generation) -> Swarm:
+        """The survivors of `generation`, of the parents and their evaluated offspring, which bring
+        the new memory."""
+
+    def begin(
+        self,
+        key: Key[Array, ""],
+        lower: Float[Array, "dims"] | float,
+        upper: Float[Array, "dims"] | float,
+        guess: Float[Array, "dims"] | None = None,
+    ) -> PopulationState:
+        """The state before anything is evaluated; `guess`, inside the box, is the first candidate.
+
+        Raises `ValueError` where a lower bound is above its upper bound.
+        """
+        require_order(lower, upper)
+        dtype = jnp.result_type(float, lower, upper)
+        ends = (jnp.atleast_1d(jnp.asarray(end, dtype)) for end in (lower, upper))
+        box = Box(*jnp.broadcast_arrays(*ends))
+        key = as_key(key)
+        start_key, _ = jr.split(jr.fold_in(key, 0))
+        positions = box.clip(self.start(start_key, box, box.lower.dtype))
+        if guess is not None:
+            positions = positions.at[0].set(box.clip(jnp.asarray(guess, positions.dtype)))
+        infinity = jnp.full((), jnp.inf, positions.dtype)
+        return PopulationState(
+            key=key,
+            box=box,
+            swarm=Swarm(positions, infinity[None][:0]),
+            best_position=positions[0],
+            best_loss=infinity,
+            best_aux=None,
+            generation=jnp.array(0),
+            evaluations=jnp.array(0),
+            failures=jnp.array(0),
+            history=jnp.full(self.iterations + 1, infinity),
+        )
+
+    def ask(
+        self, state: PopulationState, drawn: PyTree = None
+    ) -> tuple[Float[Array, "candidates dims"], PopulationState]:
+        """The positions to evaluate next, and the state that `tell` takes with their losses.
+
+        The first are the first population. `drawn` are the generation's numbers, where they were
+        drawn before; by default they are drawn here.
+        """
+        swarm, generation = state.swarm, state.generation + 1
+        if state.is_new:
+            return swarm.positions, state
+        if drawn is None:
+            drawn = self.draw(draw_key(state.key, generation), generation, state.box)
+        positions, memory = self.propose(drawn, swarm, generation, state.box)
+        positions = state.box.clip(positions) if self.bounded else positions
+        return positions, replace(state, swarm=Swarm(swarm.positions, swarm.losses, memory))
+
+    def tell(
+        self,
+        state: PopulationState,
+        positions: Float[Array, "candidates dims"],
+        losses: Float[Array, "candidates"],
+        aux: PyTree = None,
+    ) -> PopulationState:
+        """The state after the positions that `ask` gave were evaluated.
+
+        A loss that is not finite counts as infinite, and as a failure. Of `aux`, a row for every
+        position, the best one's is kept.
+        """
+        is_finite = jnp.isfinite(losses)
+        losses = jnp.where(is_finite, losses, jnp.inf)
+        best = jnp.argmin(losses)
+        best_aux = jax.tree.map(lambda leaf: leaf[best], aux)
+        evaluations = state.evaluations + len(positions)
+        failures = state.failures + jnp.sum(~is_finite)
+        if state.is_new:
+            return PopulationState(
+                key=state.key,
+                box=state.box,
+                swarm=self.prepare(Swarm(positions, losses), state.box),
+                best_position=positions[best],
+                best_loss=losses[best],
+                best_aux=best_aux,
+                generation=state.generation,
+                evaluations=evaluations,
+                failures=failures,
+                history=jnp.full(self.iterations + 1, losses[best]),
+            )
+        generation = state.generation + 1
+        better = losses[best] < state.best_loss
+        best_loss = jnp.where(better, losses[best], state.best_loss)
+        offspring = Swarm(positions, losses, state.swarm.memory)
+        # Who asks for more than `iterations` has the last of them at the history's end.
+        latest = jnp.minimum(generation, self.iterations)
+        return PopulationState(
+            key=state.key,
+            box=state.box,
+            swarm=self.survive(state.swarm, offspring, generation),
+            best_position=jnp.where(better, positions[best], state.best_position),
+            best_loss=best_loss,
+            best_aux=jax.tree.map(
+                lambda new, old: jnp.where(better, new, old), best_aux, state.best_aux
+            ),
+            generation=generation,
+            evaluations=evaluations,
+            failures=failures,
+            history=state.history.at[latest].set(best_loss, mode="promise_in_bounds"),
+        )
+
+    def is_over(self, state: PopulationState) -> Bool[Array, ""]:
+        """True if the search has spent its generations, or has come to its `stop`."""
+        stop, best = self.stop, state.best_loss
+        over = state.generation >= self.iterations
+        if stop.target is not None:
+            over |= best <= stop.target
+        if stop.max_evaluations is not None:
+            over |= state.evaluations + evaluations_per_iteration(self) > stop.max_evaluations
+        if stop.ftol is not None:
+            before = state.history[jnp.maximum(state.generation - stop.patience, 0)]
+            is_flat = before - best <= stop.ftol * jnp.abs(best)
+            over |= (state.generation >= stop.patience) & is_flat
+        return over
+
+
+def evaluations_per_iteration(optimizer: AbstractPopulationSearch) -> int:
+    """Number of candidates that the optimizer evaluates in one generation."""
+
+    def first_offspring(key):
+        first, state = optimizer.ask(optimizer.begin(key, jnp.zeros(2), jnp.ones(2)))
+        return optimizer.ask(optimizer.tell(state, first, first[:, 0]))[0]
+
+    return jax.eval_shape(first_offspring, jax.random.key(0)).shape[0]
+
+
+def draw_key(key: Key[Array, ""], generation: Generation) -> Key[Array, ""]:
+    return jr.split(jr.fold_in(key, generation))[0]
+
+
+def as_key(key: Array) -> Key[Array, "*keys"]:
+    key = jnp.asarray(key)
+    if not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
+        key = jr.wrap_key_data(key)
+    return written_out(key)
+
+
+def require_order(lower: Any, upper: Any) -> None:
+    # Bounds that are traced have no value yet.
+    is_concrete = not any(isinstance(end, Tracer) for end in (lower, upper))
+    if is_concrete and np.any(np.asarray(lower) > np.asarray(upper)):
+        raise InputError(f"the lower bound {lower} is above the upper bound {upper}; exchange them")

@@ -26,6 +26,8 @@ from helpers.designs import quick_design
 from helpers.reference import make_record
 
 LIMITS: dict[str, Any] = {"max_discharge": 2.0, "max_charge": 1.0}
+PULSED = {**LIMITS, "capacity": 2.0, "max_hours": 1.8, "want": {"R0": 0.01}}
+WARMING = {"capacity": 2.0, "max_warming": 0.3, "max_hours": 2.0}
 
 
 @cache
@@ -43,9 +45,7 @@ def designed():
 @pytest.fixture(scope="module")
 def pulsed():
     # Moves and rests alone do not tell R0 so well.
-    return quick_design(
-        capacity=2.0, max_hours=1.8, want={"R0": 0.01}, blocks=few_blocks(), **LIMITS
-    )
+    return quick_design(**PULSED, blocks=few_blocks())
 
 
 @pytest.fixture(scope="module")
@@ -140,28 +140,14 @@ def test_a_design_keeps_its_time_and_its_limits(pulsed):
 
 
 @pytest.mark.slow
-def test_lines_between_what_is_stored_of_a_prediction_are_its_voltage(designed, believed):
-    predicted = designed.predicted
-    current_a = sampled(designed.steps)
-    voltage_v, _ = voltage_along(believed, current_a, designed.initial_soc)
-    ends = np.cumsum([round(step.duration_s) for step in designed.steps])
-    inside = np.setdiff1d(np.arange(1, len(voltage_v)), [*ends, *(ends - 1)])
-    drawn_v = np.interp(inside, predicted.time_s, predicted.voltage_v)
-    np.testing.assert_allclose(drawn_v, voltage_v[inside], atol=4e-3)
-    assert len(predicted.time_s) < len(current_a) / 20
-
-
-@pytest.mark.slow
 def test_rates_over_soc_hold_for_pieces_that_leave_their_stretch():
     taken = [
         Block("charge", (300.0, 60.0), (-1.0, 0.0)),
         Block("pulse", (180.0, 300.0), (1.0, 0.0)),
     ]
     discharge, charge = [(0.0, 0.1), (0.5, 2.0)], [(0.3, 1.0), (1.0, 0.05)]
-    found = barnax.design(
-        capacity=0.002, max_hours=5.0, blocks=taken, starts=1, max_discharge=discharge,
-        max_charge=charge,
-    )  # fmt: skip
+    limits = {"max_discharge": discharge, "max_charge": charge, "max_hours": 5.0}
+    found = barnax.design(capacity=0.002, blocks=taken, starts=1, **limits)
     current_a = sampled(found.steps)
     soc = 1 - np.append(0.0, np.cumsum(current_a[:-1])) / 3600 / 0.002
     assert np.all(current_a <= 1.001 * 0.002 * np.interp(soc, *np.transpose(discharge)))
@@ -186,12 +172,9 @@ def test_a_design_promises_more_an_hour_than_a_pulse_test(designed, name):
 
 @pytest.mark.slow
 def test_the_same_key_gives_the_same_design(pulsed):
-    again = quick_design(
-        capacity=2.0, max_hours=1.8, want={"R0": 0.01}, blocks=few_blocks(), **LIMITS
-    )
-    assert again.to_json() == pulsed.to_json()
-    other = barnax.candidate_blocks(jax.random.key(1))
-    assert other != barnax.candidate_blocks(jax.random.key(0))
+    assert quick_design(**PULSED, blocks=few_blocks()).to_json() == pulsed.to_json()
+    blocks, others = (barnax.candidate_blocks(jax.random.key(key)) for key in (0, 1))
+    assert blocks != others
 
 
 @pytest.mark.slow
@@ -217,12 +200,8 @@ def test_earlier_records_narrow_what_a_test_leaves(believed):
     assert 0.5 * width.alone < width.after < 0.9 * width.alone
     # A record of the same charge tells as much as the test.
     assert width.before == pytest.approx(width.alone, rel=0.3)
-    (unfound,) = [
-        each
-        for each in widths_of(replace(known, earlier=[]), information_of(known, columns))
-        if (each.name, each.soc) == ("R1 [Ohm]", 0.6)
-    ]
-    assert unfound.before == 0.2
+    without = widths_of(replace(known, earlier=[]), information_of(known, columns))
+    assert [each.before for each in without if (each.name, each.soc) == ("R1 [Ohm]", 0.6)] == [0.2]
 
 
 def test_all_forms_hold_the_same_current(pulsed, tmp_path):
@@ -231,35 +210,25 @@ def test_all_forms_hold_the_same_current(pulsed, tmp_path):
     signed = [sign[row["Mode"]] * float(row["Current / A"]) for row in rows]
     np.testing.assert_allclose(signed, [step.current_a for step in pulsed.steps], atol=1e-4)
     profile = np.array([row.split(",")[1] for row in profile_csv(pulsed).split()[5:]], float)
-    taken_ah = profile[:-1].sum() / 3600
-    wanted_ah = (
-        sum(
-            step.duration_s * step.current_a * (2 if step.block == "to empty" else 1)
-            for step in pulsed.steps
-        )
-        / 3600
-    )
-    assert taken_ah == pytest.approx(wanted_ah, abs=2e-3)
-    assert pybamm_steps(pulsed)[-2].startswith(f"Discharge at {float(rows[-2]['Current / A']):g} A")
     # All forms discharge until the voltage, for as long at most.
+    twice = [1 + (step.block == "to empty") for step in pulsed.steps]
+    charges = [step.duration_s * step.current_a / 3600 for step in pulsed.steps]
+    assert profile[:-1].sum() / 3600 == pytest.approx(np.dot(twice, charges), abs=2e-3)
+    assert pybamm_steps(pulsed)[-2].startswith(f"Discharge at {float(rows[-2]['Current / A']):g} A")
     (expected,) = [step.duration_s for step in pulsed.steps if step.block == "to empty"]
     assert float(rows[-2]["Duration / s"]) == 2 * expected
     assert f"for {2 * expected:g} seconds or until 2.5 V" in pybamm_steps(pulsed)[-2]
     most_s = sum(float(row["Duration / s"]) for row in rows)
     assert len(profile) == most_s + 1
-    text = procedure(pulsed)
-    assert f"{pulsed.hours:.2f} h expected, {most_s / 3600:.2f} h at most" in text
-    assert f"until 2.5 V, {2 * expected:g} s at most, then go on (second {most_s - 300:g} " in text
+    assert f"{pulsed.hours:.2f} h expected, {most_s / 3600:.2f} h at most" in procedure(pulsed)
     ends = {row["Piece"]: row["At the lowest voltage"] for row in rows}
     assert {name for name, end in ends.items() if end == "next step"} == {"to empty"}
     assert min(float(row["SOC at the end"]) for row in rows) == 0.0
     assert "-0.0" not in steps_csv(pulsed)
     # Neighboring rests are one, as where a full cell cannot be charged.
-    assert not re.search(r"rest \d+ s; rest", text)
+    assert not re.search(r"rest \d+ s; rest", procedure(pulsed))
     assert len(pybamm_steps(pulsed)) == len(pulsed.steps)
-    assert procedure(pulsed).count("\n") < len(pulsed.steps)
-    path = tmp_path / "design.json"
-    path.write_text(pulsed.to_json())
+    (tmp_path / "design.json").write_text(pulsed.to_json())
     assert barnax.Design.load(tmp_path).steps == pulsed.steps
 
 
@@ -275,15 +244,8 @@ def test_all_forms_hold_the_same_current(pulsed, tmp_path):
         ({"capacity": -2.0}, "positive"),
         ({"capacity": 2.0, "temperature": -10.0}, "typical of 25 degC"),
         ({"capacity": 2.0, "max_discharge": 0.0}, "`max_discharge`: a test discharges the cell"),
-        pytest.param(
-            {"capacity": 2.0, "max_warming": 0.3, "max_hours": 2.0},
-            "larger `max_warming`",
-            marks=pytest.mark.slow,
-        ),
-        (
-            {"capacity": 2.0, "chemistry": "lfp", "high_voltage": 3.5},
-            r"3\.578 V if the cell's data",
-        ),
+        pytest.param(WARMING, "larger `max_warming`", marks=pytest.mark.slow),
+        ({"capacity": 2.0, "chemistry": "lfp", "high_voltage": 3.5}, r"3\.578 V if the cell's"),
         ({"capacity": 2.0, "max_hours": float("inf")}, "`max_hours`"),
         ({"capacity": 2.0, "max_discharge": float("nan")}, "`max_discharge` nan"),
         ({"capacity": 2.0, "max_charge": -1.0}, "`max_charge` -1"),

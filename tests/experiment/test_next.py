@@ -10,7 +10,7 @@ import barnax
 from barnax.bundled import BUNDLED
 from barnax.cell import OcvPoint, OcvTable, characterize
 from barnax.cli.app import app
-from barnax.cli.design import _earlier, _next, plan_after
+from barnax.cli.design import _earlier, plan_after
 from barnax.cli.identify import _sampled_by
 from barnax.experiment import Step
 from barnax.experiment.belief import believed_of
@@ -18,13 +18,9 @@ from barnax.experiment.information import before_of
 from barnax.experiment.protocol import sampled, window_of
 from barnax.model.window import Window
 from barnax.plan import Part, Plan, plan_from_toml, plan_to_toml
-from barnax.reporting.design import (
-    design_screen,
-    reached_half,
-)
+from barnax.reporting.design import design_screen, reached_half
 from barnax.reporting.design_forms import design_files
 from barnax.reporting.first_screen import next_step
-from barnax.reporting.words import joined
 from helpers.designs import BLOCKS, quick_design
 from helpers.known_cell import made
 from helpers.reference import make_record
@@ -77,12 +73,6 @@ def test_the_test_s_record_is_identified_with_the_records_and_tests_that_counted
     assert (before.path, before.window) == (BUNDLED.record, of_all)
     assert plan.options == {"model": "so-rc", "capacity": 2.1}
     assert not plan.of_role("validation")
-    advice, command = _next(design, earlier, tmp_path)
-    assert command.startswith(f"barnax identify {tmp_path}/plan.toml --design {tmp_path} --out ")
-    assert advice.endswith("record.csv")
-    # Nothing says where the records that counted are.
-    unplanned, _ = _next(design, _earlier(None), tmp_path)
-    assert "add identification.parquet to its plan.toml" in unplanned
     # What does not count is left, and what shows what is full starts at its rest.
     alone = design.model_copy(update={"earlier": (), "start_v": 4.1})
     parts = plan_after(alone, earlier, None).parts
@@ -145,13 +135,10 @@ def test_no_test_is_designed_for_what_is_known_already(result, believed, tmp_pat
     assert design_files(none) == {}
     monkeypatch.setattr("barnax.design", lambda *_, **__: none)
     monkeypatch.chdir(tmp_path)
-    words = ["design", "--capacity=2"]
-    for more, written in (([], []), (["--out=out"], ["design.json", "files.json", "timings.json"])):
-        ran = CliRunner().invoke(app, [*words, *more])
-        assert "design.json" in ran.output if written else "No test needed" in ran.output
-        printed = CliRunner().invoke(app, [*words, *more, "--json", "--force"])
-        assert printed.stdout == none.to_json()
-        assert sorted(path.name for path in tmp_path.glob("*/*")) == written
+    printed = CliRunner().invoke(app, ["design", "--capacity=2", "--out=out", "--json"])
+    assert printed.stdout == none.to_json()
+    written = sorted(path.name for path in tmp_path.glob("*/*"))
+    assert written == ["design.json", "files.json", "timings.json"]
     assert barnax.Design.load(tmp_path / "out").to_json() == none.to_json()
     monkeypatch.undo()
     # One more wish, or hours, and there is a test: of all the hours, as nothing is to be reached.
@@ -182,27 +169,22 @@ def test_before_with_the_test_and_reached_are_one_quantity(design, result, belie
 def test_a_test_that_falls_short_says_where_and_why(design):
     assert not design.is_reached
     text = screen_of(design_screen(design))
-    wide = [
-        f"{name} ({100 * np.median([one.after for one in design.of_table(name)]):.2g} %)"
-        for name in ("R0", "R1", "R2")
-    ]
-    assert f"Not reached:    {joined(wide)}. This is the best test found of 1.5 h." in text
-    # Twice what was allowed, which a test does not take to the second.
-    assert "No test of 3 h was found that reaches all: allow more current" in text
+    for name in ("R0", "R1", "R2"):
+        wide = np.median([one.after for one in design.of_table(name)])
+        assert f"{name} ({100 * wide:.2g} %)" in text.partition("Not reached:")[2]
     enough = dict.fromkeys(design.wanted, 10.0)
     reached = design.model_copy(update={"wanted": enough, "is_reached": True})
     assert "Not reached" not in screen_of(design_screen(reached))
 
 
-@pytest.mark.parametrize(("chemistry", "window_v"), [("nmc", (2.5, 4.2)), ("lfp", (2.0, 3.65))])
-def test_a_cell_s_usual_voltages_are_those_of_its_chemistry(chemistry, window_v):
-    assert window_of(believed_of(None, 2.0, chemistry).cell) == window_v
-
-
 @pytest.mark.parametrize(
     ("ends_v", "window_v"), [((3.5, 3.7), (2.5, 4.2)), ((3.2, 3.35), (2.5, 3.65))]
 )
-def test_of_an_ocv_that_no_full_cell_showed_the_narrower_voltages_are_taken(ends_v, window_v):
+def test_voltages_are_those_of_a_chemistry_or_the_narrower_where_no_full_cell_showed(
+    ends_v, window_v
+):
+    for chemistry, usual_v in (("nmc", (2.5, 4.2)), ("lfp", (2.0, 3.65))):
+        assert window_of(believed_of(None, 2.0, chemistry).cell) == usual_v
     soc = np.linspace(0.1, 0.5, 9)
     points = tuple(
         OcvPoint(float(at), float(volts), "a.csv", row=0, rest_s=0.0)
@@ -225,28 +207,20 @@ def test_an_answer_of_one_value_at_every_soc_is_believed_with_its_own_values():
         assert tau_s == result.parameters[name]
 
 
-def test_another_capacity_leaves_the_largest_currents_of_the_records():
-    believed = replace(believed_of(None, 1.0, "nmc"), rates_c=(4.0, 2.0))
-    assert believed_of(believed, 2.0, "nmc").rates_c == (2.0, 1.0)
-
-
-def logged(design, shown_a, voltage_v=None, begins_s=0.0):
+def logged(shown_a, voltage_v=3.6, begins_s=0.0):
     """A record of a test, a sample a second."""
-    time_s = begins_s + np.arange(float(len(shown_a)))
-    return make_record(
-        time_s, shown_a, np.full(len(shown_a), 3.6) if voltage_v is None else voltage_v
-    )
+    return make_record(begins_s + np.arange(float(len(shown_a))), shown_a, voltage_v)
 
 
 def test_a_test_s_own_record_shows_how_its_current_was_sampled(design):
     current_a = sampled(design.steps)
-    assert design.sampling_of(logged(design, current_a)) == "forward"
+    assert design.sampling_of(logged(current_a)) == "forward"
     before_a = np.append(current_a[0], current_a[:-1])
-    assert design.sampling_of(logged(design, before_a)) == "backward"
+    assert design.sampling_of(logged(before_a)) == "backward"
     # Half of both, another test, and a clock that does not start with the test.
-    assert design.sampling_of(logged(design, (current_a + before_a) / 2)) is None
-    assert design.sampling_of(logged(design, current_a[::-1])) is None
-    assert design.sampling_of(logged(design, current_a, begins_s=100.0)) is None
+    assert design.sampling_of(logged((current_a + before_a) / 2)) is None
+    assert design.sampling_of(logged(current_a[::-1])) is None
+    assert design.sampling_of(logged(current_a, begins_s=100.0)) is None
 
 
 def test_a_plan_is_told_the_sampling_of_its_one_record_where_the_test_s_steps_show_it(
@@ -255,9 +229,7 @@ def test_a_plan_is_told_the_sampling_of_its_one_record_where_the_test_s_steps_sh
     current_a = sampled(design.steps)
     before_a = np.append(current_a[0], current_a[:-1])
     for name, shown_a in (("test.csv", before_a), ("other.csv", current_a[::-1])):
-        record = logged(design, shown_a, 3.6 - 0.02 * shown_a)
-        columns = record.time_s, -record.current_a, record.voltage_v
-        rows = np.column_stack(columns)
+        rows = np.column_stack([np.arange(len(shown_a)), -shown_a, 3.6 - 0.02 * shown_a])
         head = "Test Time / s,Current / A,Voltage / V"
         np.savetxt(tmp_path / name, rows, delimiter=",", header=head, comments="")
 
@@ -277,7 +249,7 @@ def test_intervals_of_a_test_s_own_record_are_those_that_were_promised(design, r
     profile = {"Time [s]": np.arange(float(len(current_a))), "Current [A]": current_a}
     simulated = result.simulate(profile, initial_soc=design.initial_soc)
     noise_v = 1e-3 * np.random.default_rng(3).standard_normal(len(current_a))
-    record = logged(design, current_a, np.asarray(simulated["Voltage [V]"]) + noise_v)
+    record = logged(current_a, np.asarray(simulated["Voltage [V]"]) + noise_v)
     frame = {
         "Time [s]": record.time_s, "Current [A]": record.current_a, "Voltage [V]": record.voltage_v
     }  # fmt: skip

@@ -64,12 +64,17 @@ def sized():
     return identified(capacity=2.0)
 
 
-def true_voltage(result, design, initial_soc):
-    """The voltage of the true cell, until it is emptied."""
+def require_limits(result, design, initial_soc, abs_v=0.05):
+    """The true cell stays within the voltages of a test until it is emptied, and its lowest one is
+    about as predicted."""
     steps = [step for step in design.steps if step.block not in ("to empty", "last rest")]
     current_a = sampled(steps)
     profile = {"Time [s]": np.arange(float(len(current_a))), "Current [A]": current_a}
-    return np.asarray(result.simulate(profile, initial_soc=initial_soc)["Voltage [V]"])
+    simulated = result.simulate(profile, initial_soc=initial_soc)
+    voltage_v = np.asarray(simulated["Voltage [V]"])
+    assert design.limits.low_v < voltage_v.min() < voltage_v.max() < design.limits.high_v
+    if not any(step.block == "to empty" for step in design.steps):
+        assert voltage_v.min() == pytest.approx(design.predicted.voltage_v.min(), abs=abs_v)
 
 
 def test_a_test_stays_where_the_ocv_is_known(believed, result):
@@ -80,16 +85,12 @@ def test_a_test_stays_where_the_ocv_is_known(believed, result):
     assert low <= design.predicted.soc.min() < low + 0.1
     assert design.predicted.soc.max() <= high
     assert {width.soc for width in design.of_table("R0")} == {0.3, 0.4, 0.5, 0.6}
-    taken_ah = 2 * (1 - high)
     before = wording("design.before", design)
-    assert f"discharge {taken_ah:.4g} Ah at 0.4 A (C/5)" in before
+    assert f"discharge {2 * (1 - high):.4g} Ah at 0.4 A (C/5)" in before
     assert before in procedure(design)
     assert before in (ast.get_docstring(ast.parse(pybamm_script(design))) or "")
-    voltage_v = true_voltage(result, design, high)
-    assert design.limits.low_v < voltage_v.min() < voltage_v.max() < design.limits.high_v
-    assert voltage_v.min() == pytest.approx(design.predicted.voltage_v.min(), abs=0.05)
-    screen = screen_of(planned_screen(believed))
-    assert "the result knows the OCV from 20 to 65 %, and the test stays within" in screen
+    require_limits(result, design, high)
+    assert "OCV from 20 to 65 %" in screen_of(planned_screen(believed))
 
 
 @pytest.fixture(scope="module")
@@ -105,11 +106,7 @@ def test_beyond_what_the_record_told_the_ocv_is_that_of_the_chemistry(joined, be
     assert np.all(np.diff(joined.ocv_v(np.linspace(0, 1, 501))) >= 0)
     reach_v = joined.ocv_end_v(soc, 1) - joined.ocv_v(soc)
     assert reach_v[4] == pytest.approx(reach_v[3] + 0.05)
-    screen = screen_of(planned_screen(joined))
-    assert (
-        "the test goes from full to empty. Beyond, the OCV of a typical NMC cell is joined"
-        in screen
-    )
+    assert "the OCV of a typical NMC cell is joined" in screen_of(planned_screen(joined))
 
 
 @pytest.mark.slow
@@ -117,8 +114,7 @@ def test_a_chemistry_takes_it_from_full_to_empty(joined, result):
     design = barnax.design(joined, **LIMITS)
     assert design.initial_soc == 1.0
     assert any(step.block == "to empty" for step in design.steps)
-    voltage_v = true_voltage(result, design, 1.0)
-    assert design.limits.low_v < voltage_v.min() < voltage_v.max() < design.limits.high_v
+    require_limits(result, design, 1.0)
 
 
 def test_another_chemistry_than_the_record_shows_is_refused(placed):
@@ -136,9 +132,7 @@ def test_where_nothing_shows_what_is_full_the_voltage_brings_the_cell_to_its_sta
     assert design.start_v == pytest.approx(true_v, abs=0.02)
     assert not any(step.block == "to empty" for step in design.steps)
     assert f"to {design.start_v:.3f} V, hold until 0.018" in wording("design.before", design)
-    voltage_v = true_voltage(result, design, 0.65)
-    assert design.limits.low_v < voltage_v.min() < voltage_v.max() < design.limits.high_v
-    assert voltage_v.min() == pytest.approx(design.predicted.voltage_v.min(), abs=0.05)
+    require_limits(result, design, 0.65)
 
 
 @pytest.mark.parametrize("name", [pytest.param("unplaced", marks=pytest.mark.slow), "sized"])
@@ -152,14 +146,10 @@ def test_a_capacity_alone_leaves_the_test_within_the_record(sized, result):
     """Of the 2 Ah of the true cell, its record began at 60 % and its fullest point is 65 %."""
     believed = believed_of(sized, None)
     design = barnax.design(believed, **LIMITS)
-    screen = screen_of(planned_screen(believed))
-    low, high = believed.ocv_soc
-    assert f"knows the OCV from {100 * low:.0f} to {100 * high:.0f} %, and the test" in screen
     taken_ah = 2.0 * (design.initial_soc - design.predicted.soc.min())
     held_ah = 2.0 * result.cell.soc_from_rest_voltage(design.start_v)
     assert taken_ah < held_ah - 2.0 * 0.2 + 0.03
-    voltage_v = true_voltage(result, design, held_ah / 2.0)
-    assert design.limits.low_v < voltage_v.min()
+    require_limits(result, design, held_ah / 2.0, abs_v=0.2)
 
 
 def test_a_chemistry_whose_highest_voltage_the_cell_passes_is_refused():
@@ -188,15 +178,6 @@ def test_a_start_above_the_highest_voltage_is_refused(ocv_soc, high_v, words):
     with pytest.raises(InputError, match=words or "`max_hours` 0.5") as refused:
         barnax.design(believed, high_voltage=high_v, max_hours=0.5, blocks=BLOCKS)
     assert ("`high_voltage`" in str(refused.value)) is (words is not None)
-
-
-def test_a_part_of_the_charge_without_a_node_is_refused():
-    believed = believed_of(None, 2.0, "nmc")
-    nodes = (0.0, 0.4, 0.9, 1.0)
-    settings = replace(believed.settings, nodes=nodes)
-    coarse = replace(believed, settings=settings, ocv_soc=(0.4, 0.8), typical="")
-    with pytest.raises(InputError, match="`want` R0, R1, R2: no node lies from 43 to 80 % SOC"):
-        barnax.design(coarse, max_hours=1.5, blocks=BLOCKS)
 
 
 @pytest.mark.slow

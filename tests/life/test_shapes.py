@@ -32,19 +32,20 @@ def rows_of(sizes_v, seed=0):
     return pl.DataFrame(rows, infer_schema_length=None)
 
 
-def pooled(rows):
-    return with_pooled_shapes(rows, "cell", "age", (CAPACITY,))
-
-
 def told(rows):
     """Values and ends of the capacity, NaN where it is not determined."""
-    found = pooled(rows)
+    found = with_pooled_shapes(rows, "cell", "age", (CAPACITY,))
     return np.array([found[f"aged {CAPACITY}{end}"].fill_null(np.nan) for end in ENDS])
 
 
 def test_cells_that_keep_their_shape_tell_together_what_one_record_does_not():
     for seed in range(6):
-        _, low, high = told(rows_of([0.0] * 8, seed))
+        rows, nothing = rows_of([0.0] * 8, seed), [float("nan")] * len(SHAPES_V)
+        # Rows without evidence stay as they are.
+        evidence = [nothing, None, *rows[EVIDENCE].to_list()[2:]]
+        _, low, high = told(rows.with_columns(pl.Series(EVIDENCE, evidence)))
+        assert np.isnan(low[:2]).all()
+        low, high = low[2:], high[2:]
         _, alone_low, alone_high = told(rows_of([0.0], seed)[:1])
         assert np.median(high - low) / 2 < 0.005 * 2.0
         assert not alone_high[0] - alone_low[0] < 3 * np.median(high - low)
@@ -81,11 +82,8 @@ def test_rows_of_one_cell_do_not_vote_for_each_other():
 
 def test_cells_far_from_an_age_have_no_vote_there():
     late = rows_of([0.0])[-1:]
-    new = (
-        rows_of([0.0] * 8, seed=1)
-        .filter(pl.col("age") < 2)
-        .with_columns(cell=pl.concat_str(pl.lit("N"), "cell"))
-    )
+    new = rows_of([0.0] * 8, seed=1).filter(pl.col("age") < 2)
+    new = new.with_columns(cell=pl.concat_str(pl.lit("N"), "cell"))
     alone, beside = told(late), told(pl.concat([new, late]))
     np.testing.assert_allclose(beside[:, -1], alone[:, 0])
 
@@ -95,14 +93,6 @@ def test_one_record_that_differs_from_its_cell_s_others_keeps_a_wide_interval():
     other = rows_of([0.06], seed=3)[-1:].with_columns(cell=pl.lit("C7"))
     _, low, high = told(pl.concat([one[:-1], other]))
     assert not high[-1] - low[-1] < 5 * np.median(high[:-1] - low[:-1])
-
-
-def test_a_row_without_evidence_stays_as_it_is_and_the_others_do_not():
-    rows, nothing = rows_of([0.0] * 8), [float("nan")] * len(SHAPES_V)
-    evidence = [nothing, None, *rows[EVIDENCE].to_list()[2:]]
-    _, low, _ = told(rows.with_columns(pl.Series(EVIDENCE, evidence)))
-    assert np.isnan(low[:2]).all()
-    assert np.isfinite(low[2:]).all()
 
 
 def test_an_interval_in_a_fleet_holds_the_spread_between_shapes():

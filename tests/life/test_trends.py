@@ -84,11 +84,9 @@ def test_a_trend_is_the_best_prediction_of_the_model(shared):
 
 def test_what_is_not_known_changes_nothing():
     series, _ = fleet(np.random.default_rng(2), 5)
-    filled = Series(
-        *(np.pad(each, ((0, 0), (0, 3), (0, 0))[: each.ndim]) for each in vars(series).values()),
-    )
-    spread, good = SPREAD, np.ones(5, bool)
-    one, other = Fit(series, spread, good), Fit(filled, spread, good)
+    padding = ((0, 0), (0, 3), (0, 0))
+    filled = Series(*(np.pad(each, padding[: each.ndim]) for each in vars(series).values()))
+    one, other = (Fit(each, SPREAD, np.ones(5, bool)) for each in (series, filled))
     assert other.minus_two_log_likelihood == pytest.approx(one.minus_two_log_likelihood)
     np.testing.assert_allclose(one.trend(2, series.age[2]), other.trend(2, series.age[2]))
 

@@ -25,9 +25,8 @@ def test_where_two_pairs_are_one_every_parameter_has_an_error(short_problem, see
 
 def test_a_time_constant_too_short_to_be_seen_has_no_interval(short_problem):
     problem = made_problem(short_problem, white_noise(0), bounds={"tau1 [s]": (1e-6, 1e-4)})
-    uncertainty = assess(
-        problem, CircuitParameters.constant(0.05, (0.02, 0.03), (5e-4, 4000))
-    ).uncertainty
+    fast = CircuitParameters.constant(0.05, (0.02, 0.03), (5e-4, 4000))
+    uncertainty = assess(problem, fast).uncertainty
     assert uncertainty["tau1 [s]"].held == "unseen"
     assert uncertainty["R2 [Ohm]"].low is not None
 
@@ -57,24 +56,15 @@ def test_a_band_holds_the_errors_of_its_samples(colored):
     assert rest.mean_v == pytest.approx(np.mean(error_v[inside]))
     (top,) = [band for band in found.by_soc if band.high == 1.0]
     assert top.samples == np.count_nonzero(prepared.soc >= 0.9)
-
-
-def test_rates_are_of_the_capacity_a_record_was_simulated_with(colored):
-    prepared = colored.problem.prepared
+    # Rates are of the capacity that the record was simulated with.
     aged = replace(prepared, capacity_ah=prepared.capacity_ah / 4)
     problem = replace(colored.problem, prepared_records=(aged,))
-    found = diagnostics(problem, colored.assessment.covariance).by_current
     rate = 4 * prepared.current_a / prepared.capacity_ah
-    for band in found:
+    for band in diagnostics(problem, colored.assessment.covariance).by_current:
         low, high = band.low or -np.inf, band.high or np.inf
         assert band.samples == np.count_nonzero((rate >= low) & (rate < high))
-
-
-def test_the_autocorrelation_is_the_residuals_own(colored):
-    found = colored.assessment.diagnostics
-    linearization = colored.assessment.covariance.linearization
-    error_v = linearization.error_v[linearization.informed]
-    at_one = np.mean(error_v[1:] * error_v[:-1]) / np.mean(error_v**2)
+    informed_v = error_v[colored.assessment.covariance.linearization.informed]
+    at_one = np.mean(informed_v[1:] * informed_v[:-1]) / np.mean(informed_v**2)
     assert found.lags_s[:2] == (0.0, 1.0)
     assert found.autocorrelation[:2] == pytest.approx([1.0, at_one])
 

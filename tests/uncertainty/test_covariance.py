@@ -51,70 +51,53 @@ def test_white_noise_needs_no_inflation(white):
 
 def test_a_start_that_only_the_rest_before_the_load_depends_on_is_as_uncertain_as_told(white):
     own = white.assessment.covariance
-    linearization = replace(
-        own.linearization,
-        by_nuisance_v=np.where(own.linearization.informed, 0.0, 1e-3)[:, None],
-        nuisances_sd=np.zeros(1),
-    )
-    assert not np.all(linearization.informed)
-    found = Covariance.of(linearization)
+    informed = own.linearization.informed
+    assert not np.all(informed)
+    columns_v = np.where(informed, 0.0, 1e-3)[:, None]
+    by_start = {"by_nuisance_v": columns_v, "nuisances_sd": np.zeros(1)}
+    found = Covariance.of(replace(own.linearization, **by_start))
     np.testing.assert_allclose(found.nuisances_error, [1.0])
     # The noise is fitted beside one more column.
     np.testing.assert_allclose(found.matrix, own.matrix, rtol=2e-3)
 
 
-def test_capacitances_follow_from_resistances_and_time_constants(white):
-    uncertainty = white.assessment.uncertainty
-    first, second = uncertainty.free.index("R1 [Ohm]"), uncertainty.free.index("tau1 [s]")
-    difference = np.zeros(5)
-    difference[[first, second]] = -1, 1
-    variance = difference @ white.assessment.covariance.matrix @ difference
-    c1, r1, tau1 = (uncertainty[name] for name in ("C1 [F]", "R1 [Ohm]", "tau1 [s]"))
-    assert c1.relative_error == pytest.approx(np.sqrt(variance))
-    assert c1.value == pytest.approx(tau1.value / r1.value)
-
-
 def test_intervals_are_symmetric_in_logarithms_and_hold_the_value(white):
-    for each in white.assessment.uncertainty.estimates:
+    uncertainty = white.assessment.uncertainty
+    for each in uncertainty.estimates:
         assert each.low < each.value < each.high
         assert each.low * each.high == pytest.approx(each.value**2)
         assert each.standard_error == each.value * each.relative_error
         # 95 % lie between the quantiles of 2.5 and 97.5 %.
         quantile = student.ppf(0.975, each.degrees_of_freedom)
         assert np.log(each.high / each.value) == pytest.approx(quantile * each.relative_error)
-        assert each.relative_error == pytest.approx(
-            each.inflation * each.white_noise_relative_error
-        )
+        white_error = each.white_noise_relative_error
+        assert each.relative_error == pytest.approx(each.inflation * white_error)
+    # Capacitances follow from resistances and time constants.
+    by_logarithm = np.array(
+        [(name == "tau1 [s]") - (name == "R1 [Ohm]") for name in uncertainty.free]
+    )
+    variance = by_logarithm @ white.assessment.covariance.matrix @ by_logarithm
+    c1, r1, tau1 = (uncertainty[name] for name in ("C1 [F]", "R1 [Ohm]", "tau1 [s]"))
+    assert c1.relative_error == pytest.approx(np.sqrt(variance))
+    assert c1.value == pytest.approx(tau1.value / r1.value)
 
 
 def test_what_is_fixed_or_at_a_bound_has_no_interval_and_says_why(short_problem):
-    problem = made_problem(
-        short_problem,
-        white_noise(5),
-        fixed={"tau2 [s]": 120.0},
-        bounds={"R0 [Ohm]": (0.01, 0.045)},
-    )
-    uncertainty = assess(problem, TRUTH.with_tables({"R0 [Ohm]": [0.045]})).uncertainty
+    noise_v, at_end = white_noise(5), TRUTH.with_tables({"R0 [Ohm]": [0.045]})
+    bounds = {"R0 [Ohm]": (0.01, 0.045)}
+    problem = made_problem(short_problem, noise_v, fixed={"tau2 [s]": 120.0}, bounds=bounds)
+    uncertainty = assess(problem, at_end).uncertainty
     assert uncertainty["tau2 [s]"].held == "fixed"
     assert uncertainty["R0 [Ohm]"].held == "at upper bound"
     assert uncertainty["tau2 [s]"].low is None
     # What is made of a held and a free parameter has the free one's error.
-    assert uncertainty["C2 [F]"].relative_error == pytest.approx(
-        uncertainty["R2 [Ohm]"].relative_error
-    )
+    free_error = uncertainty["R2 [Ohm]"].relative_error
+    assert uncertainty["C2 [F]"].relative_error == pytest.approx(free_error)
     assert uncertainty.free == ("R1 [Ohm]", "tau1 [s]", "R2 [Ohm]")
-
-
-def test_where_every_parameter_is_held_nothing_has_an_interval(short_problem):
-    names = ("R1 [Ohm]", "tau1 [s]", "R2 [Ohm]", "tau2 [s]")
-    values = dict(zip(names, (0.02, 10.0, 0.03, 120.0), strict=True))
-    problem = made_problem(
-        short_problem,
-        white_noise(5),
-        fixed=values,
-        bounds={"R0 [Ohm]": (0.01, 0.045)},
-    )
-    assessment = assess(problem, TRUTH.with_tables({"R0 [Ohm]": [0.045]}))
+    # Where all are held there is nothing to assess but the residuals.
+    values = {"R1 [Ohm]": 0.02, "tau1 [s]": 10.0, "R2 [Ohm]": 0.03, "tau2 [s]": 120.0}
+    held = made_problem(short_problem, noise_v, fixed=values, bounds=bounds)
+    assessment = assess(held, at_end)
     assert all(each.relative_error is None for each in assessment.uncertainty.estimates)
     assert assessment.diagnostics.samples == SAMPLES
 
@@ -136,13 +119,8 @@ def test_the_noise_of_several_records_is_correlated_no_longer_than_one_of_them_l
     # Twice the data, independent: intervals are narrower by the square root of two.
     alone = fit(one).assessment.uncertainty
     for name in linearization.names:
-        one_error, both_error = (
-            each[name].white_noise_relative_error for each in (alone, assessment.uncertainty)
-        )
-        assert one_error
-        assert both_error
-        narrower = one_error / both_error
-        assert narrower == pytest.approx(np.sqrt(2), rel=0.1)
+        errors = (each[name].white_noise_relative_error for each in (alone, assessment.uncertainty))
+        assert np.divide(*errors) == pytest.approx(np.sqrt(2), rel=0.1)
 
 
 def test_an_interval_spans_another_possible_value_by_its_own_relative_width(white):
@@ -152,10 +130,8 @@ def test_an_interval_spans_another_possible_value_by_its_own_relative_width(whit
     assert not own.excludes(own.high)
     wide = uncertainty.spanning([other])["R0 [Ohm]"]
     assert (wide.value, wide.low, wide.high) == (own.value, own.low, 2 * own.high)
-    below, above = (
-        TRUTH.with_tables({"R0 [Ohm]": [share * own.value]}) for share in (0.9999, 1.0002)
-    )
-    within = uncertainty.spanning([below, above])["R0 [Ohm]"]
+    near = [TRUTH.with_tables({"R0 [Ohm]": [share * own.value]}) for share in (0.9999, 1.0002)]
+    within = uncertainty.spanning(near)["R0 [Ohm]"]
     assert (within.low, within.high) == (0.9999 * own.low, 1.0002 * own.high)
     assert uncertainty.spanning([])["R0 [Ohm]"] == own
 

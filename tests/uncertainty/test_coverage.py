@@ -72,13 +72,9 @@ def test_the_band_is_that_of_the_binomial_distribution(benchmark):
 def test_intervals_of_200_long_records_hold_95_percent_of_truths_but_for_chance(
     benchmark, circuit, noise
 ):
-    found = benchmark.coverage(
-        importlib.import_module("benchmarks.coverage.cells").bundled("so-rc"),
-        benchmark.CIRCUITS[circuit],
-        benchmark.NOISES[noise],
-        records=200,
-        seed=20,
-    )
+    problem = importlib.import_module("benchmarks.coverage.cells").bundled("so-rc")
+    case = benchmark.CIRCUITS[circuit], benchmark.NOISES[noise]
+    found = benchmark.coverage(problem, *case, records=200, seed=20)
     # 89.5 to 99 %: of 7 parameters in 8 cases each, chance alone leaves the band once in 18 runs.
     low, high = benchmark.chance_band(200)
     assert min(found.trusted.values()) >= low

@@ -15,15 +15,12 @@ def examination(white) -> Examination:
     return examine(white.problem, white.parameters, white.assessment)
 
 
-def test_the_examination_is_of_every_parameter_that_has_an_error(white, examination):
-    uncertainty = white.assessment.uncertainty
-    with_errors = [each.name for each in uncertainty.estimates if each.relative_error]
-    assert [each.name for each in examination.profiles] == with_errors
-    assert examination.rmse_v == white.rmse_v
-
-
 def test_where_little_is_unknown_the_profile_gives_the_linear_interval(white, examination):
-    assert len(examination.profiles) == 7
+    estimates = white.assessment.uncertainty.estimates
+    with_errors = [each.name for each in estimates if each.relative_error]
+    assert [each.name for each in examination.profiles] == with_errors
+    assert len(with_errors) == 7
+    assert examination.rmse_v == white.rmse_v
     for found in examination.profiles:
         linear = white.assessment.uncertainty[found.name]
         width = np.log(linear.high / linear.low)
@@ -61,12 +58,9 @@ def test_an_end_that_the_data_leave_open_is_not_made_up(short_problem):
     assert max(found.values) <= 1500
 
 
-def test_a_parameter_the_circuit_does_not_have_is_refused(white):
+def test_a_parameter_that_is_held_or_not_there_has_no_profile(white, short_problem):
     with pytest.raises(InputError, match=r"'R7 \[Ohm\]' is not a parameter"):
         profile(white.problem, white.parameters, "R7 [Ohm]")
-
-
-def test_a_held_parameter_has_no_profile(short_problem):
     problem = made_problem(short_problem, white_noise(5), fixed={"tau2 [s]": 120.0})
     with pytest.raises(InputError, match="held: fixed"):
         profile(problem, TRUTH, "tau2 [s]")

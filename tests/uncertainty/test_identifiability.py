@@ -91,9 +91,7 @@ def test_of_a_pair_slower_than_the_record_only_the_capacitance_is_known(short_pr
 def test_of_two_pairs_with_one_time_constant_only_the_sum_is_known(short_problem):
     alike = CircuitParameters.constant(0.05, (0.02, 0.03), (40 / 0.02, 40.2 / 0.03))
     noise_v = colored_noise(np.random.default_rng(4), SAMPLES, 12.0, 2e-3)[0]
-    fitted = fit(made_problem(short_problem, noise_v, alike), alike)
-    findings = fitted.assessment.identifiability.findings
-    (finding,) = [each for each in findings if each.kind == "alike"]
+    finding = findings_of(made_problem(short_problem, noise_v, alike), alike)[1]["alike"]
     assert finding.combined.name == "R1 + R2 [Ohm]"
     assert finding.combined.low < 0.05 < finding.combined.high
 
@@ -118,10 +116,9 @@ def test_loose_parameters_and_directions_are_findings(short_problem):
         assert abs(step) <= each.relative_error * (1 + 1e-9)
 
 
-def test_pairs_are_one_whichever_is_slower():
-    for sign in (1, -1):
-        assert are_one(0.3 * sign, 0.1, 0.01, 0.01, 0.01)
-        # Far apart, and well told.
-        assert not are_one(2.1 * sign, 0.1, 0.001, 0.1, 0.1)
-        # Far apart in value, and perhaps the same.
-        assert are_one(2.1 * sign, 3.0, 0.001, 0.1, 0.1)
+@pytest.mark.parametrize("sign", [1, -1])
+def test_pairs_are_one_whichever_is_slower(sign):
+    assert are_one(0.3 * sign, 0.1, 0.01, 0.01, 0.01)
+    # Far apart, and well told; and perhaps the same.
+    assert not are_one(2.1 * sign, 0.1, 0.001, 0.1, 0.1)
+    assert are_one(2.1 * sign, 3.0, 0.001, 0.1, 0.1)

@@ -3,7 +3,6 @@
 import hashlib
 import re
 import shutil
-from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -19,14 +18,11 @@ VOLTAGE_NOISE_V = 1e-3
 
 
 @pytest.mark.parametrize("name", [*BUNDLED_NAMES, *HPPC_NAMES, *LFP_NAMES])
-def test_the_hash_equals_the_one_in_the_provenance_page(name: str):
+def test_a_file_has_the_hash_of_its_page_and_columns_of_the_battery_data_format(name: str):
     page = (bundled_file(name).parent / "README.md").read_text(encoding="utf-8")
     stated = dict(re.findall(r"^\| `(\w+)\.parquet` .* `([0-9a-f]{64})` \|$", page, re.MULTILINE))
     assert stated[name] == hashlib.sha256(bundled_file(name).read_bytes()).hexdigest()
 
-
-@pytest.mark.parametrize("name", [*BUNDLED_NAMES, *HPPC_NAMES, *LFP_NAMES])
-def test_the_columns_are_those_of_the_battery_data_format(name: str):
     table = pl.read_parquet(bundled_file(name))
     time_s, current_a, voltage_v = table.select(COLUMNS).to_numpy().T
     assert table.columns == COLUMNS + ([TEMPERATURE] if name in HPPC_NAMES else [])
@@ -46,23 +42,13 @@ def test_the_roles_name_every_file():
     assert [path.stem for path in paths] == [*BUNDLED_NAMES, *HPPC_NAMES]
 
 
-def test_an_unknown_name_is_refused_with_the_names_there_are():
-    with pytest.raises(
-        InputError, match="identification, validation, ocv_charge, ocv_discharge, hppc_10"
-    ):
+def test_an_installed_wheel_has_the_files_beside_the_module_or_says_so(tmp_path, monkeypatch):
+    package, bundled_folder = tmp_path / "lib" / "barnax", BUNDLED.record.parent
+    monkeypatch.setattr(bundled, "__file__", str(package / "bundled.py"))
+    with pytest.raises(InputError, match="identification, validation, ocv_charge, ocv_discharge,"):
         bundled_file("ocv")
-
-
-def test_a_missing_file_is_named_with_the_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(bundled, "__file__", str(tmp_path / "lib" / "barnax" / "bundled.py"))
     with pytest.raises(InputError, match=r"validation\.parquet is missing.*reinstall barnax"):
         bundled_file("validation")
-
-
-def test_an_installed_wheel_finds_the_files_beside_the_module(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    package = tmp_path / "lib" / "barnax"
-    shutil.copytree(BUNDLED.record.parent, package / "data" / "virtual_cell")
-    monkeypatch.setattr(bundled, "__file__", str(package / "bundled.py"))
-    assert bundled_file("validation").parent == (package / "data" / "virtual_cell").resolve()
+    folder = package / "data" / "virtual_cell"
+    shutil.copytree(bundled_folder, folder)
+    assert bundled_file("validation").parent == folder.resolve()

@@ -61,59 +61,53 @@ def test_a_fit_of_factors_read_back_is_the_fit_of_the_samples(records, content, 
 
 def test_an_ocv_of_ones_own_is_counted_from_one_level(records, bundled_cell):
     # The records' own levels differ; the joint OCV does not know which came first.
-    own = replace(
-        bundled_cell,
-        charge_points=tuple(replace(each, row=0) for each in bundled_cell.charge_points),
-        discharge_points=tuple(replace(each, row=0) for each in bundled_cell.discharge_points),
-    )
-    two = [keep(replace(each, cell=own), GRID) for each in records[:2]]
+    points = {
+        name: tuple(replace(point, row=0) for point in getattr(bundled_cell, name))
+        for name in ("charge_points", "discharge_points")
+    }
+    cell = replace(bundled_cell, **points)
+    two = [keep(replace(each, cell=cell), GRID) for each in records[:2]]
     one, other = fit_kept(two, SETTINGS), fit_kept(two[::-1], SETTINGS)
     ocv = [[n.value for n in fit.of_table("OCV [V]")] for fit in (one, other)]
     assert ocv[0] == pytest.approx(ocv[1], abs=1e-6)
     assert np.all(np.diff(ocv[0]) > 0)
 
 
+def members_of(content):
+    with np.load(io.BytesIO(content)) as arrays:
+        return {name: arrays[name] for name in arrays.files}
+
+
 def remade(content, **changes):
     """The file with other arrays, and the checksum that it had."""
-    with np.load(io.BytesIO(content)) as arrays:
-        members = {name: arrays[name] for name in arrays.files}
-    members |= changes
     file = io.BytesIO()
-    np.savez(file, **members)
+    np.savez(file, **members_of(content) | changes)
     return file.getvalue()
 
 
-def header_of(content, **changes):
-    with np.load(io.BytesIO(content)) as arrays:
-        header = json.loads(arrays["header"].tobytes())
-    return np.frombuffer(json.dumps(header | changes).encode(), np.uint8)
+def header_of(content):
+    return json.loads(members_of(content)["header"].tobytes())
+
+
+def as_member(header):
+    return np.frombuffer(json.dumps(header).encode(), np.uint8)
 
 
 def hostile(content):
     """Files that are broken, of another version, or ask for more than they hold."""
-    with np.load(io.BytesIO(content)) as arrays:
-        rows = arrays["rows"].copy()
+    rows = members_of(content)["rows"].copy()
     rows[3] += 1e-3
-    compressed = io.BytesIO()
-    with (
-        zipfile.ZipFile(io.BytesIO(content)) as given,
-        zipfile.ZipFile(compressed, "w", zipfile.ZIP_DEFLATED) as packed,
-    ):
-        for info in given.infolist():
-            packed.writestr(info.filename, given.read(info))
-    vast = io.BytesIO()
+    compressed, vast, head = io.BytesIO(), io.BytesIO(), io.BytesIO()
+    np.savez_compressed(compressed, **members_of(content))
+    promised = {"descr": "<f8", "fortran_order": False, "shape": (10**13,)}
+    np.lib.format.write_array_header_1_0(head, promised)
     with zipfile.ZipFile(io.BytesIO(content)) as given, zipfile.ZipFile(vast, "w") as packed:
-        for info in given.infolist():
-            array = given.read(info)
-            head = io.BytesIO()
-            np.lib.format.write_array_header_1_0(
-                head, {"descr": "<f8", "fortran_order": False, "shape": (10**13,)}
-            )
-            packed.writestr(info.filename, head.getvalue() if "rows" in info.filename else array)
+        for name in given.namelist():
+            packed.writestr(name, head.getvalue() if "rows" in name else given.read(name))
     objects = np.array([{"a": 1}], dtype=object)
     return {
         "checksum": remade(content, rows=rows),
-        "version 7": remade(content, header=header_of(content, version=7)),
+        "version 7": remade(content, header=as_member(header_of(content) | {"version": 7})),
         "compressed": compressed.getvalue(),
         "no whole factor file": vast.getvalue(),
         "is no whole": remade(content, rows=objects),
@@ -130,12 +124,10 @@ def test_a_file_of_somebody_else_is_refused_in_words(content, tmp_path):
 
 def with_records(content, changed, arrays):
     """The file with other records in its header, and a checksum that fits."""
-    with np.load(io.BytesIO(content)) as known:
-        members = {name: known[name] for name in known.files}
-    text = json.dumps(json.loads(members["header"].tobytes()) | {"records": changed}).encode()
-    own = members | arrays | {"header": np.frombuffer(text, np.uint8)}
-    own["sha256"] = np.frombuffer(_digest(own), np.uint8)
-    return remade(content, **own)
+    header = as_member(header_of(content) | {"records": changed})
+    members = members_of(content) | arrays | {"header": header}
+    members["sha256"] = np.frombuffer(_digest(members), np.uint8)
+    return remade(content, **members)
 
 
 @pytest.mark.parametrize(
@@ -147,7 +139,7 @@ def with_records(content, changed, arrays):
     ],
 )  # fmt: skip
 def test_a_value_that_no_record_has_is_refused_by_its_name(content, tmp_path, field, value):
-    first = json.loads(header_of(content).tobytes())["records"][0]
+    first = header_of(content)["records"][0]
     given = [value, *first[field][1:]] if isinstance(first[field], list) else value
     path = written(tmp_path, with_records(content, [first | {field: given}], {}))
     with pytest.raises(InputError) as refused:
@@ -158,9 +150,8 @@ def test_a_value_that_no_record_has_is_refused_by_its_name(content, tmp_path, fi
 
 
 def test_a_header_that_promises_other_sizes_is_refused(content, tmp_path):
-    header = json.loads(header_of(content).tobytes())
-    part = header["records"][0]["parts"][1]
-    first = header["records"][0]
+    first = header_of(content)["records"][0]
+    part = first["parts"][1]
     sizes = ({"rows": 4000}, {"columns": 10**9}, {"scored": -1})
     records = [[first | {"parts": [first["parts"][0], part | size]}] for size in sizes]
     records += [[first | {"low_s": 1e-300, "high_s": 1e300}], []]

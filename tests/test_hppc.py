@@ -1,5 +1,8 @@
 """From files to an identified pulse test: what it starts from, and what it refuses."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 from barnax import Window, bundled_file, pipeline, read_record
@@ -9,7 +12,6 @@ from barnax.model.prepared import prepare_record
 from barnax.pipeline import hppc
 
 HPPC = bundled_file("hppc_25degC")
-OCV = bundled_file("ocv_discharge")
 
 
 @pytest.fixture
@@ -44,13 +46,9 @@ def test_tests_at_several_temperatures_each_have_their_own_ocv(asked):
 def test_what_lies_beyond_the_own_ocv_is_not_scored_and_told(asked):
     record = read_record(HPPC)
     # Cut in the discharge to the last level: the rest before that is the lowest OCV point.
-    kept = record.discharged_ah < 1.88
-    cut = type(record)(
-        **{
-            name: values[kept] if getattr(values, "shape", ()) == kept.shape else values
-            for name, values in vars(record).items()
-        }
-    )
+    rows = record.discharged_ah < 1.88
+    arrays = {name: each for name, each in vars(record).items() if isinstance(each, np.ndarray)}
+    cut = replace(record, **{name: each[rows] for name, each in arrays.items()})
     hppc(cut)
     cell = characterize([cut], ocv_fit="interpolated")
     prepared = prepare_record(cut, cell, "so-rc", asked["window"][cut.name])

@@ -107,9 +107,7 @@ def test_tables_of_one_node_are_the_constant_circuit(bundled_cell, circuit, answ
 
 
 @pytest.mark.parametrize(("circuit", "answer", "near"), CASES)
-def test_intervals_searches_and_exports_know_the_element(
-    bundled_cell, tmp_path, circuit, answer, near
-):
+def test_intervals_searches_and_exports_know_the_element(bundled_cell, circuit, answer, near):
     problem = made_problem(bundled_cell, circuit, answer, noise_v=1e-3)
     result = identify_problem(problem, barnax.Settings(seeds=1, population=8, iterations=5))
     refined, optimum = result.constant.refined, result.constant.global_optimum
@@ -122,9 +120,7 @@ def test_intervals_searches_and_exports_know_the_element(
     known = {each.name: each for each in result.constant.assessment.uncertainty.estimates}
     assert known[tau].low < TAU_S[1] < known[tau].high
     assert known[resistance].low < R_OHM[1] < known[resistance].high
-    path = tmp_path / "result.json"
-    path.write_text(result.to_json())
-    again = barnax.Result.from_json(path)
+    again = barnax.Result.model_validate_json(result.to_json())
     assert again.constant.parameters.elements == problem.bounds.elements
     # The filter's model at rest moves as the circuit does.
     own = result.constant.parameters

@@ -6,6 +6,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+from barnax.cell import CircuitParameters
 from barnax.errors import InputError
 from barnax.fleet.manifest import cell_of
 from barnax.fleet.rows import identify_rows
@@ -87,8 +88,8 @@ def test_intervals_hold_what_is_true_where_the_current_flowed_before_each_sample
         assert row["total R [Ohm] low"] < cell.total_ohm < row["total R [Ohm] high"]
 
 
-@pytest.mark.parametrize("own", [False, True])
-def test_cells_of_one_reduction_are_those_fitted_one_by_one(bundled_cell, voltages, own):
+@pytest.mark.parametrize("is_alone", [False, True])
+def test_cells_of_one_reduction_are_those_fitted_one_by_one(bundled_cell, voltages, is_alone):
     voltages_v, current_a = voltages[0][:1500, :2], voltages[1][:1500]
     table = frame(voltages_v, current_a)
     mean = table.select("Time [s]", "Current [A]", pl.mean_horizontal("V1", "V2").alias("V"))
@@ -100,25 +101,20 @@ def test_cells_of_one_reduction_are_those_fitted_one_by_one(bundled_cell, voltag
     def fitted(frame_of_one, beside_v, names):
         record = record_from_frame(frame_of_one, name="pack")
         prepared = prepare_record(record, bundled_cell, "so-rc", window)
-        return fit_pack(prepared, TABLES, beside_v, names, settings, own)
+        return fit_pack(prepared, tables, beside_v, names, settings, is_alone)
 
-    from barnax.cell import CircuitParameters
-
-    TABLES = CircuitParameters.over_soc(
+    tables = CircuitParameters.over_soc(
         settings.nodes, (15.0, 150.0), (0.02,) * 4, ((0.01,) * 4,) * 2
     )
     beside_v = voltages_v - voltages_v.mean(axis=1)[:, None]
     both = fitted(mean, beside_v, ["V1", "V2"])
-    for place, together in enumerate(both.cells):
-        alone = fitted(mean, beside_v[:, [place]], ["alone"]).cells[0]
-        itself = fitted(
-            table.select("Time [s]", "Current [A]", pl.col(f"V{place + 1}").alias("V")),
-            np.zeros((1500, 1)),
-            ["itself"],
-        ).cells[0]
+    for index, together in enumerate(both.cells):
+        one = table.select("Time [s]", "Current [A]", pl.col(f"V{index + 1}").alias("V"))
+        alone = fitted(mean, beside_v[:, [index]], ["alone"]).cells[0]
+        itself = fitted(one, np.zeros((1500, 1)), ["itself"]).cells[0]
         for other in (alone, itself):
             assert together.rmse_v == pytest.approx(other.rmse_v, rel=1e-9)
-            rel = 1e-5 if own else 1e-9
+            rel = 1e-5 if is_alone else 1e-9
             assert together.tables.ohm[0] == pytest.approx(other.tables.ohm[0], rel=rel)
 
 
@@ -157,27 +153,18 @@ def of(table, cells=None):
     return read_pack(source_from_frame(table, "pack"), cells)
 
 
-def test_cells_are_found_by_their_numbers_or_named(voltages):
+def test_cells_are_those_of_their_numbers_or_named_and_one_without_a_value_is_left_out(voltages):
     table = frame(voltages[0][:300], voltages[1][:300], name="Cell {} voltage [mV]")
     millivolts = table.with_columns(pl.col("^Cell.*$") * 1000, pl.lit(23.0).alias("T1"))
-    assert of(millivolts).cells == tuple(f"Cell {k} voltage [mV]" for k in range(1, 13))
-    assert of(millivolts, "Cell 1*").cells == tuple(
-        f"Cell {k} voltage [mV]" for k in (1, 10, 11, 12)
-    )
-    mean_v = of(millivolts).record.voltage_v
-    assert mean_v == pytest.approx(voltages[0][:300].mean(axis=1))
-
-
-def test_a_cell_without_a_number_is_left_out_by_name(voltages):
-    table = frame(voltages[0][:300], voltages[1][:300])
-    broken = table.with_columns(
-        pl.when(pl.int_range(pl.len()) == 17).then(None).otherwise(pl.col("V4")).alias("V4"),
-        V5=pl.lit(0.01),
-    )
-    found = of(broken, "V*")
-    assert set(found.left_out) == {"V4", "V5"}
-    assert "row 19" in found.left_out["V4"]
-    assert len(found.cells) == found.beside_v.shape[1] == 10
+    names = [f"Cell {k} voltage [mV]" for k in range(1, 13)]
+    whole = of(millivolts)
+    assert (whole.cells, of(millivolts, "Cell 1*").cells) == ((*names,), (names[0], *names[9:]))
+    assert whole.record.voltage_v == pytest.approx(voltages[0][:300].mean(axis=1))
+    gap = pl.when(pl.int_range(pl.len()) != 17).then(pl.col(names[3])).alias(names[3])
+    part = of(millivolts.with_columns(gap, pl.lit(10.0).alias(names[4])), "Cell*")
+    assert part.left_out.keys() == {*names[3:5]}
+    assert "row 19" in part.left_out[names[3]]
+    assert len(part.cells) == part.beside_v.shape[1] == 10
 
 
 @pytest.mark.parametrize("names", [("Zeit [s]", "Strom [A]"), ("Time [s]", "Pack current [A]")])

@@ -71,12 +71,6 @@ def test_a_first_voltage_from_within_the_edge_is_no_resistance_at_once(share):
     assert pulse.resistance_ohm[1:] == whole.resistance_ohm[1:]
 
 
-def test_a_short_pulse_has_no_resistance_after_its_end():
-    (pulse,) = pulses_of(record_of([(600, 0), (10, 2.0), (40, 0)]))
-    known = [value is not None for value in pulse.resistance_ohm]
-    assert known == [True, True, True, False, False]
-
-
 def test_pulses_of_both_directions_and_rates_are_told_apart():
     one_level = [(30, 2.0), (40, 0), (10, -1.5), (40, 0), (10, 4.0), (40, 0), (10, -3.0)]
     loads = [(600, 0), *one_level, (600, 0), (1000, 1.0), (600, 0), *one_level, (600, 0)]
@@ -93,9 +87,10 @@ def test_a_ramp_belongs_to_its_pulse_and_counts_from_its_begin():
     assert not pulse.is_limited
 
 
-def test_the_samples_of_a_pulse_begin_with_the_rest_before_it():
+def test_a_short_pulse_ends_with_its_samples_which_begin_with_the_rest_before_it():
     record = record_of([(600, 0), (10, 2.0), (60, 0)])
     (pulse,) = pulses_of(record)
+    assert [ohm is None for ohm in pulse.resistance_ohm] == [False, False, False, True, True]
     span = pulse_samples(record, pulse)
     assert record.current_a[span][0] == 0
     assert (record.current_a[span][1:-1] == 2.0).all()
@@ -108,9 +103,10 @@ def test_a_pulse_logged_as_means_has_no_resistance_at_once():
     means = [column.reshape(-1, 50).mean(axis=1) for column in columns]
     (pulse,) = pulses_of(make_record(*means, hold="centered"))
     assert pulse.delay_s == pytest.approx(2.5)
-    assert pulse.resistance_ohm[0] is None
-    # The voltage's curve bends little within 5 s.
-    known = [(s, r) for s, r in zip(STANDARD_S, pulse.resistance_ohm, strict=True) if r is not None]
-    assert known
-    for time_s, ohm in known:
-        assert ohm == pytest.approx(closed_form(ONE_RC, time_s), rel=0.02)
+    # The voltage's curve bends little within 5 s; there is none at once.
+    shown = dict(zip(STANDARD_S, pulse.resistance_ohm, strict=True))
+    assert shown[STANDARD_S[0]] is None
+    times_s = [time_s for time_s, ohm in shown.items() if ohm is not None]
+    assert times_s
+    for time_s in times_s:
+        assert shown[time_s] == pytest.approx(closed_form(ONE_RC, time_s), rel=0.02)

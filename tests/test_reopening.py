@@ -39,21 +39,20 @@ def kept(tmp_path_factory):
 def same(one, other):
     np.testing.assert_array_equal(one.simulated_v, other.simulated_v)
     np.testing.assert_array_equal(one.prepared.soc, other.prepared.soc)
-    assert (one.prepared.start, one.prepared.window) == (
-        other.prepared.start,
-        other.prepared.window,
-    )
+    for each in ("start", "window"):
+        assert getattr(one.prepared, each) == getattr(other.prepared, each)
     assert one.metrics == other.metrics
 
 
 def test_a_loaded_result_has_the_evaluations_and_figures_of_the_run(kept):
     result, folder, data = kept
     loaded = Result.load(folder, data=data)
-    for whose, theirs in ((result, loaded), (result.without_tables(), loaded.without_tables())):
-        before, after = whose.evaluations, theirs.evaluations
-        for one, other in zip(before.identification, after.identification, strict=True):
-            same(one, other)
-        for one, other in zip(before.validation, after.validation, strict=True):
+    for before, after in ((result, loaded), (result.without_tables(), loaded.without_tables())):
+        both = [
+            (*each.identification, *each.validation)
+            for each in (before.evaluations, after.evaluations)
+        ]
+        for one, other in zip(*both, strict=True):
             same(one, other)
     names = [[each.name for each in identification_illustrations(own)] for own in (result, loaded)]
     assert names[0] == names[1]

@@ -26,11 +26,6 @@ SCENARIOS = (
 )
 
 
-def told_of(replay):
-    """The lines of a screen by their heads."""
-    return dict(line.split(": ", 1) for line in sentences("replay.verdict", replay))
-
-
 @pytest.fixture(scope="module")
 def result():
     return identify(window=Window(score_to_s=1500.5), model="so-rc", seeds=0)
@@ -42,32 +37,28 @@ def replay(result):
 
 
 def test_errors_are_against_the_counter_from_convergence_on(replay):
-    traces, part = replay.traces, replay.scenarios[0]
-    error = np.asarray(traces.estimate.soc[0]) - traces.truth
-    after = error[traces.time_s >= part.converged_s]
-    assert part.converged_s < 300
-    assert np.abs(after[traces.time_s[-len(after) :] < part.converged_s + 600]).max() < 0.03
-    assert part.rms == pytest.approx(np.sqrt(np.mean(after**2)))
-    assert part.max == pytest.approx(np.abs(after).max())
-    for place, own in enumerate(replay.scenarios):
-        if own.diverged_s is not None:
-            # What it said before that is no answer.
-            continue
-        error = np.asarray(traces.estimate.soc[place]) - traces.truth
-        until_s = np.inf if own.converged_s is None else own.start_s + own.converged_s
-        before = error[(traces.time_s >= own.start_s) & (traces.time_s < until_s)]
+    traces, right = replay.traces, replay.scenarios[0]
+    time_s, errors = traces.time_s, np.asarray(traces.estimate.soc) - traces.truth
+    # What a filter said before it diverged is no answer.
+    pairs = zip(replay.scenarios, errors, strict=True)
+    kept = [pair for pair in pairs if pair[0].diverged_s is None]
+    assert len(kept) == len(SCENARIOS) - 1
+    for scenario, error in kept:
+        until_s = scenario.start_s + scenario.converged_s
+        whole, after = error[time_s >= scenario.start_s], error[time_s >= until_s]
+        before = error[(time_s >= scenario.start_s) & (time_s < until_s)]
         largest = np.nanmax(np.abs(before), initial=0.0)
-        assert (own.max_before or 0.0) == pytest.approx(largest)
-        if own.diverged_s is None:
-            of_all = error[traces.time_s >= own.start_s]
-            assert own.whole_max == pytest.approx(np.abs(of_all).max())
-            assert own.whole_rms == pytest.approx(np.sqrt(np.mean(of_all**2)))
-            assert own.whole_max >= (own.max or 0.0)
-    error = np.asarray(traces.estimate.soc[0]) - traces.truth
-    assert part.band == pytest.approx(1.959964 * np.mean(traces.estimate.soc_sd[0]))
-    inside = np.abs(error) <= 1.959964 * np.asarray(traces.estimate.soc_sd[0])
-    assert part.in_band == pytest.approx(np.mean(inside))
-    assert part.counter_max == pytest.approx(0.0, abs=1e-12)
+        assert (scenario.max_before or 0.0) == pytest.approx(largest)
+        for rms, most, of in (("rms", "max", after), ("whole_rms", "whole_max", whole)):
+            assert getattr(scenario, rms) == pytest.approx(np.sqrt(np.mean(of**2)))
+            assert getattr(scenario, most) == pytest.approx(np.abs(of).max())
+    at = right.converged_s
+    assert at < 300
+    assert np.abs(errors[0][(time_s >= at) & (time_s < at + 600)]).max() < 0.03
+    reach = 1.959964 * np.asarray(traces.estimate.soc_sd[0])
+    assert right.band == pytest.approx(np.mean(reach))
+    assert right.in_band == pytest.approx(np.mean(np.abs(errors[0]) <= reach))
+    assert right.counter_max == pytest.approx(0.0, abs=1e-12)
 
 
 def test_a_record_that_starts_where_no_ocv_was_measured_is_refused(result):
@@ -87,7 +78,7 @@ def test_a_filter_without_numbers_is_a_row_that_says_so(replay):
     # From the first sample or from the second on: what overflows first is the processor's.
     assert part.diverged_s == traces.time_s[np.argmax(is_lost)] <= 1.0
     assert (part.rms, part.in_band, part.converged_s) == (None, None, None)
-    lines = told_of(replay)
+    lines = dict(line.split(": ", 1) for line in sentences("replay.verdict", replay))
     assert lines["Diverged"].startswith(f"lost: after {part.diverged_s:.0f} s")
     assert to_text(soc_screen(replay))
 
@@ -128,17 +119,10 @@ def test_resistances_that_follow_a_temperature_that_is_not_there_are_told_of():
 
 
 def test_convergence_must_hold_ten_minutes_or_to_the_end():
-    time_s = np.arange(0.0, 2000.0, 100.0)
-    near = np.ones(20, bool)
-    near[[0, 3]] = False
-    assert converged(time_s, near) == 4
-    near[8] = False
-    assert converged(time_s, near) == 9
-    near[-2] = False
-    assert converged(time_s, near) == 9
-    near[14] = False
-    assert converged(time_s, near) == 19
-    assert converged(time_s, np.zeros(20, bool)) is None
+    time_s, near = np.arange(0.0, 2000.0, 100.0), np.ones(20, bool)
+    for far, at in (([0, 3], 4), (8, 9), (-2, 9), (14, 19), (slice(None), None)):
+        near[far] = False
+        assert converged(time_s, near) == at
 
 
 @pytest.mark.parametrize(

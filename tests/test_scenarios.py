@@ -54,11 +54,7 @@ def test_before_a_scenario_starts_there_is_no_estimate_and_nothing_is_scored():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("degc", "rms"),
-    [(0, 0.015), pytest.param(25, 0.008, marks=pytest.mark.slow),
-     pytest.param(45, 0.008, marks=pytest.mark.slow)],
-)  # fmt: skip
+@pytest.mark.parametrize(("degc", "rms"), [(0, 0.015), (25, 0.008), (45, 0.008)])
 def test_a_measured_cell_is_tracked_from_starts_too_low_and_too_high(real_data, degc, rms):
     """Identified on DST and replayed on US06; at 0 and 45 degC with the OCV test of 25 degC."""
     folder = real_data / "calce-inr18650-20r"

@@ -32,17 +32,9 @@ def at(degc):
 
 @pytest.fixture(scope="module")
 def result() -> Result:
-    return hppc(
-        [at(degc) for degc in DEGC],
-        validate=at(15.0),
-        capacity=CAPACITY_AH,
-        nodes=NODES,
-        max_boxes=0,
-        folds=0,
-        trust="none",
-        resistances_follow="none",
-        seeds=0,
-    )
+    quick = {"max_boxes": 0, "folds": 0, "seeds": 0, "trust": "none", "resistances_follow": "none"}
+    given = {"validate": at(15.0), "capacity": CAPACITY_AH, "nodes": NODES}
+    return hppc([at(degc) for degc in DEGC], **given, **quick)
 
 
 def test_a_design_knows_only_what_was_measured_at_its_temperature(result):
@@ -82,10 +74,8 @@ def test_an_error_of_a_temperature_left_out_stands_beside_what_was_not_measured(
     assert "are those of 45 degC" in sentences("tables.prediction", result.fits, "x", 60.0)[0]
 
 
-def test_what_is_stored_says_the_same_and_takes_a_record_at_its_temperature(result, tmp_path):
-    path = tmp_path / "result.json"
-    path.write_text(result.to_json())
-    again = Result.from_json(path)
+def test_what_is_stored_says_the_same_and_takes_a_record_at_its_temperature(result):
+    again = Result.model_validate_json(result.to_json())
     assert again.tables == result.tables
     assert screen_of(first_screen(again)) == screen_of(first_screen(result))
     report = to_markdown(identification_document(again))
@@ -94,12 +84,8 @@ def test_what_is_stored_says_the_same_and_takes_a_record_at_its_temperature(resu
     evaluation = again.validate(at(15.0))
     assert evaluation.metrics.rmse_v == pytest.approx(result.metrics.validation[0].rmse_v)
     prepared = evaluation.prepared
-    simulated = again.simulate(
-        prepared.current_a,
-        prepared.time_s,
-        initial_soc=prepared.start.soc,
-        temperature=15.0,
-    )
+    given = {"initial_soc": prepared.start.soc, "temperature": 15.0}
+    simulated = again.simulate(prepared.current_a, prepared.time_s, **given)
     assert simulated["Voltage [V]"] == pytest.approx(evaluation.simulated_v, abs=1e-9)
     with pytest.raises(InputError, match="known from 5 to 45 degC, not at 60 degC"):
         again.simulate(prepared.current_a, prepared.time_s, temperature=60.0)

@@ -13,7 +13,6 @@ from barnax.cell import (
     SegmentedHysteresis,
     get_circuit,
 )
-from barnax.identification import make_result as store
 from barnax.metrics import measure
 from barnax.model.prepared import PreparedRecord
 from barnax.model.start import Start
@@ -26,8 +25,7 @@ from barnax.over_soc.settings import TableSettings
 from barnax.records.record import Record
 from barnax.result_parts import ConstantPart, InputPart, MetricsBlock, MetricsPart
 from barnax.results import Result
-from barnax.search.answers import Refinement
-from barnax.search.evaluate import Evaluation, Evaluations, evaluate
+from barnax.search.evaluate import Evaluation
 from barnax.uncertainty import Assessment, Band, Diagnostics, Identifiability, Uncertainty
 from barnax.uncertainty.covariance import NoiseParts
 from helpers.reference import make_record as record_of
@@ -114,14 +112,6 @@ def make_cell(hysteresis_fit: str = "continuous") -> CellModel:
         discharge_points=points(discharge_v),
         errors={},
     )
-
-
-def result_of(refinement: Refinement) -> Result:
-    """The result of a refinement alone: no global optimum, no intervals, no validation."""
-    problem = refinement.search.problem
-    records = problem.prepared_records
-    evaluations = Evaluations(tuple(evaluate(each, refinement.parameters) for each in records))
-    return store(problem, (evaluations, None), None, refinement, warnings=())
 
 
 def make_result(

@@ -10,11 +10,7 @@ from scipy.signal import lfilter
 
 import barnax
 from barnax import InputError
-from barnax.cell import (
-    CircuitParameters,
-    Dependence,
-    TemperatureTables,
-)
+from barnax.cell import CircuitParameters, Dependence, TemperatureTables
 from barnax.cell.dependence import arrhenius_beta, between, heat_of
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
@@ -103,10 +99,8 @@ def test_a_beta_of_the_measured_temperature_is_found(followed):
     assert fit.status == "grid-verified"
 
 
-def test_it_comes_back_from_a_file_and_predicts_another_temperature(followed, tmp_path):
-    path = tmp_path / "result.json"
-    path.write_text(followed.to_json())
-    again = barnax.Result.load(path)
+def test_it_comes_back_and_predicts_another_temperature(followed):
+    again = barnax.Result.model_validate_json(followed.to_json())
     assert again.fit.tables == followed.fit.tables
     other, _ = made(7, driven=by_temperature(18.0, 4.0))
     window = Window(initial_soc=1.0, capacity_ah=2.0)
@@ -136,11 +130,12 @@ def test_a_simulation_follows_a_temperature_of_its_own(followed):
     with warnings.catch_warnings(action="ignore"):
         found = followed.simulate(frame, initial_soc=float(soc[0]))
     assert np.sqrt(np.mean((found["Voltage [V]"] - record.voltage_v) ** 2)) < 1.5e-3
-    known_degc = next(degc for _, degc in followed.measured_at if degc is not None)
+    # A temperature that is given beside another in the column is warned of.
+    given_degc = next(degc for _, degc in followed.measured_at if degc is not None)
     frame["Temperature [degC]"] = record.temperature_degc + 20.0
-    with warnings.catch_warnings(record=True, action="always") as told:
-        followed.simulate(frame, initial_soc=float(soc[0]), temperature=known_degc)
-    assert any("in the middle, and" in str(each.message) for each in told)
+    with warnings.catch_warnings(record=True, action="always") as warned:
+        followed.simulate(frame, initial_soc=float(soc[0]), temperature=given_degc)
+    assert any("in the middle, and" in str(each.message) for each in warned)
 
 
 @pytest.mark.slow
@@ -252,22 +247,19 @@ def test_heat_is_the_low_passed_square():
 
 
 def test_between_two_temperatures_what_is_followed_changes_without_a_jump():
-    def at(degc, dependence):
-        return CircuitParameters.over_soc(
-            (0.5,), (60.0,), (0.05,), ((0.01,),), dependence=dependence
-        )
+    def tables_of(*laws):
+        rows = (0.5,), (60.0,), (0.05,), ((0.01,),)
+        tables = (CircuitParameters.over_soc(*rows, dependence=law) for law in laws)
+        return TemperatureTables((0.0, 40.0), tuple(tables))
 
     cold, warm = (Dependence(beta_per_k=arrhenius_beta(x), reference_degc=x) for x in (0.0, 40.0))
-    tables = TemperatureTables((0.0, 40.0), (at(0.0, cold), at(40.0, warm)))
+    tables = tables_of(cold, warm)
     middle = tables.at(20.0).dependence
     assert middle.reference_degc == 20.0
     assert warm.beta_per_k < middle.beta_per_k < cold.beta_per_k
     assert middle.factor(np.zeros(1), np.zeros(0), np.array([20.0])) == pytest.approx(1.0)
-    alone = TemperatureTables((0.0, 40.0), (at(0.0, cold), at(40.0, None)))
-    half = alone.at(20.0).dependence
-    assert half is not None
     one_way = between(Dependence(charge_ratio=1.44), None, 20.0, 0.5)
-    assert one_way is not None
     assert one_way.charge_ratio == pytest.approx(1.2)
-    assert half.beta_per_k == pytest.approx(cold.beta_per_k / 2)
-    assert alone.at(39.999).dependence.beta_per_k == pytest.approx(0.0, abs=1e-5)
+    for degc, share in ((20.0, 0.5), (39.999, 0.0)):
+        law = tables_of(cold, None).at(degc).dependence
+        assert law.beta_per_k == pytest.approx(share * cold.beta_per_k, abs=1e-5)

@@ -332,7 +332,7 @@ def with_a_test(record, wrong):
     return barnax.identify([record], ocv=test, window=FROM_FULL, **given)
 
 
-def test_what_an_ocv_test_is_worth_is_told_and_a_wrong_one_is_warned_of(known, tmp_path):
+def test_what_an_ocv_test_is_worth_is_told_and_a_wrong_one_is_warned_of(known):
     record, visited, _ = known
     soc = np.linspace(max(visited.min(), 0.1), 0.9, 81)
     right, bad = (with_a_test(record, wrong) for wrong in (0.0, 0.1))
@@ -342,9 +342,7 @@ def test_what_an_ocv_test_is_worth_is_told_and_a_wrong_one_is_warned_of(known, t
         assert own.median_v == pytest.approx(apart_v, rel=0.1, abs=1e-3)
         codes = {each.code for each in result.warnings}
         assert ("ocv-test.disagrees" in codes) == (wrong > 0)
-    path = tmp_path / "result.json"
-    path.write_text(bad.to_json())
-    again = barnax.Result.from_json(path)
+    again = barnax.Result.model_validate_json(bad.to_json())
     assert again.fit.ocv_compared == bad.fit.ocv_compared
 
 
@@ -367,14 +365,12 @@ def test_a_record_that_is_not_suitable_cannot_speak_against_its_ocv_test(tmp_pat
 
 
 @pytest.mark.slow
-def test_a_record_alone_is_identified_validated_and_stored(tmp_path):
+def test_a_record_alone_is_identified_validated_and_stored():
     options = {**SMALL, "validate": BUNDLED.validation, "resistances_follow": "none"}
     result = barnax.identify(BUNDLED.record, **options)
     assert result.metrics.identification.rmse_v < 6.5e-3
     assert result.metrics.validation[0].rmse_v < 5.5e-3
-    path = tmp_path / "result.json"
-    path.write_text(result.to_json())
-    again = barnax.Result.from_json(path)
+    again = barnax.Result.model_validate_json(result.to_json())
     assert again.cell.is_of_records
     # The OCV is an answer too, with its intervals at nodes closer than those of the resistances.
     frame = again.to_frame().drop_nulls("OCV low [V]")

@@ -1,4 +1,4 @@
-"""A search step by step: its state, when it stops, what it asks for and what it is told.
+"""A search step by step: its state, its stops, and the functions `ask` and `tell`.
 
 An algorithm says how a first population is laid out (`start`, `prepare`), what of a generation is
 random (`draw`), how new positions are proposed (`propose`) and which candidates live on

@@ -107,12 +107,12 @@ class AbstractPopulationMinimiser(AbstractPopulationSearch, optx.AbstractMinimis
 
             def one_generation(carry):
                 now, state, positions = carry
-                told = self._evaluated(fn, positions, state, y, args, options)
+                after = self._evaluated(fn, positions, state, y, args, options)
                 if self.stop.is_early:
-                    told = where_else(self.is_over(state), state, told)
+                    after = where_else(self.is_over(state), state, after)
                 numbers = jax.tree.map(lambda leaf: leaf[now - done], drawn)
-                positions, told = self.ask(told, numbers)
-                return now + 1, told, positions
+                positions, after = self.ask(after, numbers)
+                return now + 1, after, positions
 
             return lax.while_loop(
                 lambda carry: goes_on(carry[0], end, carry[1]),

@@ -78,7 +78,7 @@ def test_what_no_circuit_is_is_refused(name, message):
 def test_a_circuit_of_ones_own_is_known_by_its_name():
     made = make_circuit("cell/test_elements", "rc", "diffusion", like="iso-rc")
     assert get_circuit("cell/test_elements") is made
-    assert made.source_voltage is get_circuit("iso-rc").source_voltage
+    assert made.hysteresis is get_circuit("iso-rc").hysteresis
     assert make_circuit("cell/test_elements", "rc", "diffusion", like="iso-rc") == made
     with pytest.raises(InputError, match="'cell/test_elements' is another circuit"):
         make_circuit("cell/test_elements", "rc")
@@ -88,7 +88,7 @@ def test_a_circuit_of_ones_own_is_known_by_its_name():
     with pytest.raises(InputError, match="no element is called 'warburg'"):
         make_circuit("cell/other", "rc", "warburg")
     with pytest.raises(InputError, match="RC pairs come first"):
-        Circuit("odd", "odd", made.source_voltage, ())
+        Circuit("odd", "odd", ())
 
 
 def test_parameters_with_diffusion_are_read_as_they_are_written():

@@ -10,7 +10,7 @@ from scipy.interpolate import PchipInterpolator
 
 import barnax.export.tables
 from barnax.cell import SegmentedHysteresis
-from barnax.cell.circuits import Circuit
+from barnax.cell.circuits import Circuit, Hysteresis
 from barnax.errors import InputError
 from barnax.export.tables import TOLERANCE_V, linear_table, segment_table, tables_of
 from barnax.over_soc.node_interval import NodeInterval
@@ -84,16 +84,23 @@ def test_the_hysteresis_starts_where_the_last_current_left_it(direction):
 
 
 @pytest.mark.parametrize(
-    ("source_v", "ocv_v", "w_v"),
+    ("source", "ocv_v", "w_v"),
     [
-        (lambda cell, soc, way: cell.discharge(soc), make_cell().discharge(FINE), None),
-        (lambda cell, soc, way: 3.5 + way * 0.01 * soc**2, 3.5, 0.02 * FINE**2),
+        ({"ocv_v": lambda cell, soc: cell.discharge(soc)}, make_cell().discharge(FINE), None),
+        (
+            {
+                "ocv_v": lambda cell, soc: 3.5 + 0 * soc,
+                "hysteresis": Hysteresis("instant", lambda cell: lambda soc: 0.02 * soc**2),
+            },
+            3.5,
+            0.02 * FINE**2,
+        ),
     ],
     ids=["without hysteresis", "with one"],
 )
-def test_a_circuit_of_ones_own_is_exported_with_its_own_source(monkeypatch, source_v, ocv_v, w_v):
-    own = Circuit("own", "", source_v)
-    monkeypatch.setattr(barnax.export.tables, "get_circuit", lambda name: own)
+def test_a_circuit_of_ones_own_is_exported_with_its_own_source(monkeypatch, source, ocv_v, w_v):
+    circuit = Circuit("with a source", "", **source)
+    monkeypatch.setattr(barnax.export.tables, "get_circuit", lambda name: circuit)
     tables = tables_of(make_result())
     assert np.abs(tables.ocv(FINE) - ocv_v).max() < 1.1 * TOLERANCE_V
     assert tables.kind == ("none" if w_v is None else "instant")

@@ -35,7 +35,7 @@ CAPACITY_AH = 2.0
 PAIRS = ((0.0123, 812.5), (0.0211, 4321.0), (0.0075, 60000.0), (0.004, 1e6))
 PAIRS_OF = {"so-rc": 2, "iso-rc": 2, "esc": 2, "1rc": 1, "3rc": 3, "4rc": 4, "takacs": 2}
 # Those that curves over SOC say whole.
-CIRCUITS = tuple(name for name in PAIRS_OF if get_circuit(name).turning is None)
+CIRCUITS = tuple(name for name in PAIRS_OF if get_circuit(name).hysteresis.kind != "loops")
 GAMMA = 87.25
 
 

@@ -1,4 +1,4 @@
-"""The circuits: which elements, and which source voltage and hysteresis.
+"""The circuits: which elements, and which OCV and hysteresis.
 
 A new circuit is a `Circuit` here and one line in `CIRCUITS`.
 """
@@ -6,6 +6,8 @@ A new circuit is a `Circuit` here and one line in `CIRCUITS`.
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from operator import attrgetter
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -19,30 +21,52 @@ Samples = Float[np.ndarray, "samples"]
 
 
 @dataclass(frozen=True)
+class Hysteresis:
+    """The gap between the branches of the OCV, and the state h, -1 after discharging and +1 after
+    charging, that half of it is multiplied by.
+
+    Args:
+        kind: What moves the state: it follows the direction at once, turns along loops, or is
+            dynamic, at a rate gamma that is one more parameter.
+        gap: Called with the cell; gives the curve of charge minus discharge OCV in V over SOC, by
+            default as measured.
+    """
+
+    kind: Literal["none", "instant", "loops", "dynamic"]
+    gap: Callable[[CellModel], Callable[[Samples], Samples]] = attrgetter("branch_gap_v")
+
+    def half_v(self, cell: CellModel, soc: Samples) -> Samples:
+        """Half the gap in V: from the average OCV to either branch."""
+        return self.gap(cell)(soc) / 2
+
+    def state(self, soc: Samples, direction: Samples) -> Samples:
+        """The state at every sample, of a dynamic hysteresis the one toward which it moves."""
+        return loops(soc, direction) if self.kind == "loops" else direction
+
+
+EVERYWHERE = np.linspace(0.0, 1.0, 101)
+NO_HYSTERESIS = Hysteresis("none", lambda _: np.zeros_like)
+
+
+@dataclass(frozen=True)
 class Circuit:
     """Elements in series with a voltage source. `CIRCUITS.add` makes it known by its name.
 
     Args:
         name: What problems, results and options call it.
         description: What it is, in words.
-        source_voltage: Called with the cell, SOC and direction, +1 after charging and -1 after
-            discharging; gives the source in V at each sample. Computed once, outside the search.
         elements: Names of `ELEMENTS`, RC pairs first.
-        hysteresis_amplitude: Called with the cell and SOC; gives the voltage in V that a dynamic
-            hysteresis state h in [-1, 1] multiplies, whose rate gamma is then one more parameter.
-        turning: Called with SOC and direction; gives where between the branches the source stands
-            at every sample, -1 discharged to +1 charged, where that depends on the samples before:
-            no curve over SOC says that, so exports of curves refuse such a circuit.
+        hysteresis: What the direction of the current makes of the source.
+        ocv_v: Called with the cell and SOC; gives the OCV in V that the hysteresis is around.
 
     Raises `InputError` for elements that are unknown, not in order or too many.
     """
 
     name: str
     description: str
-    source_voltage: Callable[[CellModel, Samples, Samples], Samples]
     elements: tuple[str, ...] = (RC.name,) * 2
-    hysteresis_amplitude: Callable[[CellModel, Samples], Samples] | None = None
-    turning: Callable[[Samples, Samples], Samples] | None = None
+    hysteresis: Hysteresis = NO_HYSTERESIS
+    ocv_v: Callable[[CellModel, Samples], Samples] = CellModel.average_ocv_v
 
     def __post_init__(self) -> None:
         require_order(self.elements)
@@ -66,28 +90,23 @@ class Circuit:
 
     @property
     def has_hysteresis(self) -> bool:
-        """True where the voltage depends on more of the OCV test than the branches' average."""
-        return self.has_rate or self.source_voltage is not average_ocv
+        """True where the voltage depends on more of the OCV test than the OCV around the gap."""
+        return self.hysteresis.kind != "none"
 
     @property
     def has_rate(self) -> bool:
-        return self.hysteresis_amplitude is not None
+        """True where the hysteresis is dynamic."""
+        return self.hysteresis.kind == "dynamic"
+
+    def hysteresis_on(self, cell: CellModel) -> Hysteresis:
+        """The hysteresis; none on a cell without a gap, which the fit of a dynamic one may find."""
+        has_gap = self.has_rate or np.any(self.hysteresis.half_v(cell, EVERYWHERE))
+        return self.hysteresis if has_gap else NO_HYSTERESIS
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
         """PyBaMM's names of what is identified."""
         return parameter_names(self.elements, self.has_rate)
-
-
-def average_ocv(cell: CellModel, soc: Samples, direction: Samples) -> Samples:
-    """The average of both OCV branches in V, whatever the direction."""
-    del direction
-    return cell.average_ocv_v(soc)
-
-
-def average_ocv_with_hysteresis(cell: CellModel, soc: Samples, direction: Samples) -> Samples:
-    """The average OCV in V, raised by W/2 after charging and lowered by it after discharging."""
-    return cell.average_ocv_v(soc) + direction * cell.hysteresis_v(soc) / 2
 
 
 # The SOC that must pass after a turn of the current until 95 % of the way to the other branch is
@@ -96,8 +115,8 @@ TURN_SOC = 0.1
 TURN_WIDTH = TURN_SOC / float(np.arctanh(0.95))
 
 
-def average_ocv_with_loops(cell: CellModel, soc: Samples, direction: Samples) -> Samples:
-    """The average OCV in V with half the hysteresis voltage, which turns along hyperbolic tangents.
+def loops(soc: Samples, direction: Samples) -> Samples:
+    """The state between the branches, -1 discharged to +1 charged, at every sample.
 
     In the manner of Windarko and Choi (2010), who describe loops by an improved Takacs model: from
     where the current turned, the hysteresis goes to the branch of the new direction as the tangent
@@ -105,12 +124,6 @@ def average_ocv_with_loops(cell: CellModel, soc: Samples, direction: Samples) ->
     exponential of `esc` that depends on where it turned. Their paper could not be read, and their
     constants are of a NiMH cell: the width is `TURN_SOC`. At the first sample the cell is on the
     branch of its direction.
-    """
-    return cell.average_ocv_v(soc) + loops(soc, direction) * half_hysteresis(cell, soc)
-
-
-def loops(soc: Samples, direction: Samples) -> Samples:
-    """The state between the branches, -1 discharged to +1 charged, after every sample.
 
     >>> loops(np.array([0.5, 0.45, 0.4]), np.array([1.0, -1.0, -1.0])).round(2)
     array([ 1.  ,  1.  , -0.45])
@@ -126,22 +139,19 @@ def loops(soc: Samples, direction: Samples) -> Samples:
     return turned
 
 
-def half_hysteresis(cell: CellModel, soc: Samples) -> Samples:
-    """Half the gap between the branches in V: the way from the average OCV to either of them."""
-    return cell.branch_gap_v(soc) / 2
-
-
 _AVERAGED = "OCV averaged over charge and discharge"
 _WITH = "two RC pairs, average OCV and"
-_DYNAMIC = f"{_WITH} dynamic hysteresis of rate gamma"
+_PAIR = (RC.name,)
+SEGMENTED = Hysteresis("instant", attrgetter("hysteresis"))
+DYNAMIC, LOOPS = Hysteresis("dynamic"), Hysteresis("loops")
 _TURNING = f"{_WITH} hysteresis that turns along hyperbolic tangents"
-ISO_RC = Circuit("iso-rc", f"{_WITH} segmented hysteresis voltage", average_ocv_with_hysteresis)
-SO_RC = Circuit("so-rc", f"two RC pairs, {_AVERAGED}", average_ocv)
-ESC = Circuit("esc", _DYNAMIC, average_ocv, hysteresis_amplitude=half_hysteresis)
-TAKACS = Circuit("takacs", _TURNING, average_ocv_with_loops, turning=loops)
-ONE_RC = Circuit("1rc", f"one RC pair, {_AVERAGED}", average_ocv, (RC.name,))
-THREE_RC = Circuit("3rc", f"three RC pairs, {_AVERAGED}", average_ocv, (RC.name,) * 3)
-FOUR_RC = Circuit("4rc", f"four RC pairs, {_AVERAGED}", average_ocv, (RC.name,) * 4)
+ISO_RC = Circuit("iso-rc", f"{_WITH} segmented hysteresis voltage", _PAIR * 2, SEGMENTED)
+SO_RC = Circuit("so-rc", f"two RC pairs, {_AVERAGED}", _PAIR * 2)
+ESC = Circuit("esc", f"{_WITH} dynamic hysteresis of rate gamma", _PAIR * 2, DYNAMIC)
+TAKACS = Circuit("takacs", _TURNING, _PAIR * 2, LOOPS)
+ONE_RC = Circuit("1rc", f"one RC pair, {_AVERAGED}", _PAIR)
+THREE_RC = Circuit("3rc", f"three RC pairs, {_AVERAGED}", _PAIR * 3)
+FOUR_RC = Circuit("4rc", f"four RC pairs, {_AVERAGED}", _PAIR * 4)
 
 
 class Circuits(dict[str, Circuit]):
@@ -170,7 +180,7 @@ def make_circuit(
     Args:
         name: What to call it.
         elements: Its elements, by name ("rc", "diffusion") or of one's own; RC pairs first.
-        like: The circuit whose source voltage and hysteresis it has.
+        like: The circuit whose OCV and hysteresis it has.
         description: What it is, in words.
 
     Raises `InputError` where another circuit has that name, or the elements are not so.

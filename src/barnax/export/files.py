@@ -13,7 +13,7 @@ import numpy as np
 from scipy.io import savemat
 from xlsxwriter import Workbook
 
-from ..cell.circuits import TURN_WIDTH, get_circuit
+from ..cell.circuits import TURN_WIDTH
 from ..cell.dependence import CHARGE
 from ..errors import InputError
 from ..execution import in_float64
@@ -35,8 +35,7 @@ from .exporter import Export, caveats_of, from_template, note_lines
 from .tables import Table, Tables, tables_of
 
 # How C programs know a hysteresis.
-HYSTERESIS = {"none": 0, "instant": 1, "dynamic": 2}
-REMEMBERS = 3
+HYSTERESIS = {"none": 0, "instant": 1, "dynamic": 2, "loops": 3}
 
 
 def write_c_header(result: Result) -> Export:
@@ -64,7 +63,6 @@ def write_c_filter(result: Result) -> Export:
         others = [other for other in over.temperatures_degc if other != degc]
         caveats = caveats_of("c_filter", degc, others)
     tables, model = tables_of(result, may_remember=True), model_of(result, (OFFSET, CAPACITY))
-    is_remembering = get_circuit(result.model).turning is not None
     # Columns that change with SOC are a table, all others constants. The table counts from its
     # middle: in single precision a flat OCV's slope would be lost in its volts.
     table = np.asarray(model.table)
@@ -73,7 +71,7 @@ def write_c_filter(result: Result) -> Export:
     return from_template(
         "barnax_filter.h.jinja", tables.heading, caveats + tables.caveats,
         tables=tables, model=model,
-        kind=REMEMBERS if is_remembering else HYSTERESIS[model.hysteresis],
+        kind=HYSTERESIS[model.hysteresis],
         gate_sd=GATE_SD, gate_s=GATE_S,
         parts=PARTS, sides=SIDES, overlap=OVERLAP, outside_sd=OUTSIDE_SD, bias_soc=BIAS_SOC,
         resting=RESTING, resting_s=RESTING_S,

@@ -5,13 +5,12 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
 from ..cell import CellModel, CircuitParameters, get_circuit
-from ..cell.circuits import Circuit
+from ..cell.circuits import Circuit, Hysteresis
 from ..cell.curves import KNOTS, SegmentedHysteresis
 from ..cell.elements import get_element, names_of
 from ..cell.parameters import HALF_HYSTERESIS, OCV, OCV_CORRECTION, OHMIC
@@ -29,9 +28,7 @@ STEP_SOC = 10.0**-DIGITS_SOC
 # Between measured temperatures there is one at least so often, so that a table read linearly
 # follows resistances that are exponential in 1/T within half a percent.
 BETWEEN_DEGC = 5.0
-EVERYWHERE = np.linspace(0.0, 1.0, 101)
 
-Hysteresis = Literal["none", "instant", "dynamic"]
 Values = Float[np.ndarray, "points"]
 
 
@@ -77,7 +74,7 @@ class Tables:
     degc: tuple[float, ...] | None
     resistances: dict[str, np.ndarray]
     capacity_ah: float
-    kind: Hysteresis
+    kind: str
     ocv: Table
     ocv_v: np.ndarray
     hysteresis: Table | None
@@ -111,7 +108,7 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
     A format that itself remembers where the current turned says so by `may_remember`.
     """
     circuit, fits = get_circuit(result.model), result.fits
-    if circuit.turning is not None and not may_remember:
+    if circuit.hysteresis.kind == "loops" and not may_remember:
         raise InputError(
             f"the hysteresis of {circuit.name} depends on where the current last changed "
             "direction, which no table over SOC holds; export `to` 'c-filter', or identify esc or "
@@ -133,7 +130,7 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
         resistances = np.stack([tables.ohm for tables in over_soc], axis=1)
         resistances = resistances if degc else resistances[:, 0]
     soc, ocv_v = _ocv(circuit, cells, over_soc)
-    kind, constants = _kind_of(circuit, cell), over_soc[index] if over_soc else parameters
+    hysteresis, constants = circuit.hysteresis_on(cell), over_soc[index] if over_soc else parameters
     return Tables(
         result=result,
         caveats=_caveats(result, circuit, cell, over_soc),
@@ -144,10 +141,10 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
         degc=degc,
         resistances={f"R{number}": values for number, values in enumerate(resistances)},
         capacity_ah=cell.capacity_ah,
-        kind=kind,
+        kind=hysteresis.kind,
         ocv=Table(soc, ocv_v[index]),
         ocv_v=ocv_v if degc else ocv_v[index],
-        hysteresis=_hysteresis(circuit, cell, kind, over_soc[index] if over_soc else None),
+        hysteresis=_hysteresis(hysteresis, cell, over_soc[index] if over_soc else None),
     )
 
 
@@ -182,7 +179,7 @@ def _caveats(
         result,
         np.array(over_soc[0].nodes)[unseen].tolist(),
         *map(dict.items, _open_resistances(result)),
-        _kind_of(circuit, cell) != "none",
+        circuit.hysteresis_on(cell).kind != "none",
     )
 
 
@@ -211,13 +208,9 @@ def _with_some_between(measured_degc: tuple[float, ...]) -> tuple[float, ...]:
 def _ocv(
     circuit: Circuit, cells: Sequence[CellModel], over_soc: Sequence[CircuitParameters]
 ) -> tuple[Values, Float[np.ndarray, "temperatures points"]]:
-    """The OCV of every cell over one SOC, corrected by the tables: the mean of the source after
-    charging and after discharging. Every node is a point of it, so that the correction is exact."""
-
-    def mean_v(cell: CellModel, soc: Values) -> Values:
-        return np.mean(_sources_v(circuit, cell, soc), axis=0)
-
-    means = [linear_table(partial(mean_v, cell), _bends(cell)) for cell in cells]
+    """The OCV of every cell over one SOC, corrected by the tables. Every node is a point of it, so
+    that the correction is exact."""
+    means = [linear_table(partial(circuit.ocv_v, cell), _bends(cell)) for cell in cells]
     nodes = np.array(over_soc[0].nodes if over_soc else [])
     points = np.concatenate([nodes, *(mean.soc for mean in means)])
     soc = np.unique(np.round(points, DIGITS_SOC))
@@ -229,42 +222,22 @@ def _ocv(
 
 
 def _hysteresis(
-    circuit: Circuit, cell: CellModel, kind: Hysteresis, over_soc: CircuitParameters | None
+    hysteresis: Hysteresis, cell: CellModel, over_soc: CircuitParameters | None
 ) -> Table | None:
-    """W(soc): that of the tables, the cell's segments, or what a circuit makes of its own."""
+    """W(soc): that of the tables, the cell's segments, or the gap that a circuit takes."""
     if over_soc is not None and HALF_HYSTERESIS in over_soc.tables:
         w_v = 2 * np.array(over_soc.tables[HALF_HYSTERESIS])
         return Table(np.round(over_soc.nodes, DIGITS_SOC), np.round(w_v, DIGITS_V))
-    if kind == "none":
+    if hysteresis.kind == "none":
         return None
-
-    def between_v(soc: Values) -> Values:
-        after_charge_v, after_discharge_v = _sources_v(circuit, cell, soc)
-        return after_charge_v - after_discharge_v
-
-    amplitude_v = circuit.hysteresis_amplitude
-    if amplitude_v is not None:
-        return linear_table(lambda soc: 2 * amplitude_v(cell, soc), _bends(cell))
-    if np.allclose(between_v(EVERYWHERE), cell.hysteresis_v(EVERYWHERE), rtol=0, atol=TOLERANCE_V):
-        return segment_table(cell.hysteresis)
-    return linear_table(between_v, _bends(cell))
+    gap = hysteresis.gap(cell)
+    is_segmented = isinstance(gap, SegmentedHysteresis)
+    return segment_table(gap) if is_segmented else linear_table(gap, _bends(cell))
 
 
 def _bends(cell: CellModel) -> Values:
     """States of charge at which the curves of a cell may bend."""
     return np.concatenate([cell.charge.soc, cell.discharge.soc])
-
-
-def _sources_v(circuit: Circuit, cell: CellModel, soc: Values) -> list[Values]:
-    """The source after charging and after discharging."""
-    return [circuit.source_voltage(cell, soc, way * np.ones_like(soc)) for way in (1, -1)]
-
-
-def _kind_of(circuit: Circuit, cell: CellModel) -> Hysteresis:
-    if circuit.has_rate:
-        return "dynamic"
-    after_charge_v, after_discharge_v = _sources_v(circuit, cell, EVERYWHERE)
-    return "none" if np.array_equal(after_charge_v, after_discharge_v) else "instant"
 
 
 def _from_empty_to_full(tables: CircuitParameters) -> CircuitParameters:

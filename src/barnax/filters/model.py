@@ -18,7 +18,7 @@ one.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -30,7 +30,6 @@ from ..cell import CellModel, CircuitParameters, get_circuit
 from ..cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION
 from ..model.prepared import PreparedRecord
 
-Hysteresis = Literal["none", "instant", "dynamic"]
 # The default nodes of tables over SOC are nodes of this grid too. Between its points curves are
 # read linearly, within 0.3 mV at the knee of an OCV and far closer elsewhere.
 STEPS_PER_SOC = 400
@@ -77,9 +76,7 @@ class Drive(NamedTuple):
         """A record made ready. Call inside float64."""
         held_a = np.append(0.0, prepared.held_a[:-1])
         is_moving = np.abs(held_a) >= prepared.rest_current_a
-        direction, turning = prepared.direction, get_circuit(prepared.circuit).turning
-        if turning is not None:
-            direction = turning(prepared.soc, direction)
+        hysteresis = get_circuit(prepared.circuit).hysteresis
         ohmic_a, through_a = prepared.weighed_a
         pairs_a = None
         if prepared.dependence is not None:
@@ -89,7 +86,7 @@ class Drive(NamedTuple):
             held_a=jnp.asarray(held_a),
             turning_a=jnp.asarray(np.where(is_moving, held_a, 0.0)),
             current_a=jnp.asarray(ohmic_a),
-            direction=jnp.asarray(direction),
+            direction=jnp.asarray(hysteresis.state(prepared.soc, prepared.direction)),
             voltage_v=jnp.asarray(prepared.voltage_v),
             pairs_a=pairs_a,
         )
@@ -133,7 +130,7 @@ class FilterModel(eqx.Module):
     current_sd_a: Scalar
     slow_sd: Slow
     slow: tuple[str, ...] = eqx.field(static=True)
-    hysteresis: Hysteresis = eqx.field(static=True)
+    hysteresis: str = eqx.field(static=True)
     has_bias: bool = eqx.field(static=True)
 
     @property
@@ -227,10 +224,10 @@ class FilterModel(eqx.Module):
         there = row if near is None else self.at(near)
         current_a = drive.current_a - self.offset_a(slow)
         voltage_v = row[0] - there[FIRST_RESISTANCE] * self.factor("R0", slow) * current_a
-        if self.hysteresis == "instant":
-            voltage_v = voltage_v + drive.direction * row[1]
         if self.hysteresis == "dynamic":
             voltage_v = voltage_v + state[1 + self.pairs] * row[1]
+        elif self.hysteresis != "none":
+            voltage_v = voltage_v + drive.direction * row[1]
         lasting = state[self.first_error : self.first_error + self.error_s.shape[-1]]
         voltage_v = voltage_v - jnp.sum(state[1 : 1 + self.pairs]) + there[2] * jnp.sum(lasting)
         return voltage_v + there[3] * state[-1] if self.has_bias else voltage_v
@@ -241,7 +238,7 @@ class FilterModel(eqx.Module):
         row, there = self.at(state[0]), self.at(near)
         by_soc, by_turn = self.rise(state[0])[:2]
         if self.hysteresis != "none":
-            turned = drive.direction if self.hysteresis == "instant" else state[1 + self.pairs]
+            turned = state[1 + self.pairs] if self.hysteresis == "dynamic" else drive.direction
             by_soc = by_soc + turned * by_turn
         parts = [by_soc[None], -jnp.ones(self.pairs)]
         if self.hysteresis == "dynamic":
@@ -333,15 +330,11 @@ def make_model(
     Call inside float64. Beyond its end points the OCV goes on straight, where a simulation holds
     it constant: there too the voltage has to tell the SOC.
     """
-    kind, parameters = get_circuit(circuit), parameters.laddered()
-    source_v = [
-        _straight(cell, kind.source_voltage(cell, GRID, side + 0 * GRID)) for side in (1, -1)
-    ]
-    half_v = (source_v[0] - source_v[1]) / 2
-    hysteresis: Hysteresis = "instant" if np.any(half_v) else "none"
-    if kind.hysteresis_amplitude is not None:
-        hysteresis, half_v = "dynamic", kind.hysteresis_amplitude(cell, GRID)
-    ocv_v = (source_v[0] + source_v[1]) / 2
+    series, parameters = get_circuit(circuit), parameters.laddered()
+    hysteresis = series.hysteresis_on(cell)
+    ocv_v, half_v = _straight(cell, series.ocv_v(cell, GRID)), hysteresis.half_v(cell, GRID)
+    if hysteresis.kind != "dynamic":
+        half_v = _straight(cell, half_v)
     if OCV_CORRECTION in parameters.tables:
         ocv_v = ocv_v + parameters.at(OCV_CORRECTION, GRID)
     if HALF_HYSTERESIS in parameters.tables:
@@ -363,7 +356,7 @@ def make_model(
         current_sd_a=jnp.asarray(rest_a / NOISES_PER_REST, float),
         slow_sd=jnp.asarray(slow_sd, float),
         slow=tuple(slow),
-        hysteresis=hysteresis,
+        hysteresis=hysteresis.kind,
         has_bias=bool(errors.bias_v),
     )
 

@@ -346,11 +346,8 @@ def prepare_record(
         )
     direction = record.segments(rest_a).directions(start.direction)[span]
     model = get_circuit(circuit)
-    source_v = model.source_voltage(cell, soc[span], direction)
-    amplitude_v = None
-    if model.hysteresis_amplitude is not None:
-        amplitude_v = model.hysteresis_amplitude(cell, soc[span])
-        source_v = source_v + start.direction * amplitude_v
+    half_v, hysteresis = model.hysteresis.half_v(cell, soc[span]), model.hysteresis
+    state = start.direction if model.has_rate else hysteresis.state(soc[span], direction)
     return PreparedRecord(
         record=record,
         cell=cell,
@@ -360,8 +357,8 @@ def prepare_record(
         first=first,
         soc=soc[span],
         direction=direction,
-        source_v=source_v,
-        hysteresis_amplitude_v=amplitude_v,
+        source_v=model.ocv_v(cell, soc[span]) + state * half_v,
+        hysteresis_amplitude_v=half_v if model.has_rate else None,
         scored=scored[span],
         rest_current_a=rest_a,
         capacity_ah=capacity_ah,

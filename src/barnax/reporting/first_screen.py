@@ -144,7 +144,7 @@ class Unseen(NamedTuple):
 
 def _export(circuit: Circuit) -> tuple[str, str]:
     """A format that holds a circuit's hysteresis, in words and as `export` calls it."""
-    if circuit.turning is not None:
+    if circuit.hysteresis.kind == "loops":
         return "as a filter in C", "c-filter"
     return ("as CSV", "csv") if circuit.has_hysteresis else ("to PyBaMM", "pybamm")
 

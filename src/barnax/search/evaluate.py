@@ -284,12 +284,8 @@ def _by_hysteresis_v(
 
     Without turns of the current it is part of the OCV, so only what differs from the mean counts.
     """
-    soc, amplitude_v = prepared.soc[prepared.scored], prepared.hysteresis_amplitude_v
-    gap_v = prepared.cell.hysteresis_v(soc)
-    if get_circuit(prepared.circuit).turning is not None:
-        gap_v = prepared.cell.branch_gap_v(soc)
-    elif amplitude_v is not None:
-        gap_v = 2 * amplitude_v[prepared.scored]
+    soc = prepared.soc[prepared.scored]
+    gap_v = get_circuit(prepared.circuit).hysteresis.gap(prepared.cell)(soc)
     state = hysteresis_state(prepared, parameters)[prepared.scored]
     sd_v = math.sqrt(np.mean(gap_v**2))
     columns_v = -sd_v / 2 * (state - np.mean(state))[:, None] * hats(soc, KNOTS)
@@ -300,11 +296,9 @@ def hysteresis_state(
     prepared: PreparedRecord, parameters: CircuitParameters
 ) -> Float[np.ndarray, "simulated"]:
     """The state in [-1, 1] that the hysteresis voltage is multiplied by."""
-    circuit = get_circuit(prepared.circuit)
-    if circuit.turning is not None:
-        return circuit.turning(prepared.soc, prepared.direction)
     if parameters.gamma is None:
-        return prepared.direction
+        hysteresis = get_circuit(prepared.circuit).hysteresis
+        return hysteresis.state(prepared.soc, prepared.direction)
     flat = replace(prepared, hysteresis_amplitude_v=np.ones_like(prepared.soc))
     none = replace(prepared, hysteresis_amplitude_v=np.zeros_like(prepared.soc))
     turned_v = errors_along(none, parameters) - errors_along(flat, parameters)

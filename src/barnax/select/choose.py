@@ -113,7 +113,7 @@ class Bench:
 
     def __post_init__(self) -> None:
         self._fits: dict[Point, Fitted] = {}
-        self._prepared: dict[tuple[bool, bool], Sequence[PreparedRecord]] = {}
+        self._prepared: dict[str, Sequence[PreparedRecord]] = {}
         self._finest: dict[tuple[Any, ...], TableObjective] = {}
 
     def chosen(self) -> Choice:

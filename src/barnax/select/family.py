@@ -46,10 +46,9 @@ class Point:
         return get_circuit(self.circuit).has_rate
 
     @property
-    def kind(self) -> tuple[bool, bool]:
+    def kind(self) -> str:
         """What circuits of one hysteresis have in common."""
-        circuit = get_circuit(self.circuit)
-        return circuit.has_rate, circuit.has_hysteresis
+        return get_circuit(self.circuit).hysteresis.kind
 
     @property
     def pairs(self) -> int:

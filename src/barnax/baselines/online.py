@@ -11,8 +11,9 @@ from ..execution import in_float64
 from ..filters import Drive, ErrorModel, make_model, run_filter
 from ..filters.model import GRID, NOISES_PER_REST
 from ..model.problem import Problem
+from . import regression
 from .method import Answer, MethodFailure, deterministic
-from .regression import FORGETTING, VARIANCE, EvenSamples, averaged, circuit_values, regression
+from .regression import FORGETTING, averaged
 
 # What is expected of a circuit in the middle of its box, before it has seen anything.
 FIRST_ERROR_V = 0.02
@@ -55,13 +56,13 @@ def least_squares_and_filter(problem: Problem) -> Answer:
     noise is the mean square of the innovations so far, forgotten as in `rls`. Answers as
     `averaged` says. Raises `MethodFailure` where a parameter is held or the filter diverges.
     """
-    samples, columns, _ = regression(problem)
+    samples, columns, _ = regression.regression(problem)
     scale = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), np.finfo(float).tiny)
     return averaged(problem, _track_with_filter(problem, samples, scale), samples.notes)
 
 
 def _track_with_filter(
-    problem: Problem, samples: EvenSamples, scale: Float[np.ndarray, "coefficients"]
+    problem: Problem, samples: regression.EvenSamples, scale: Float[np.ndarray, "coefficients"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """R0, R and tau after every row."""
     prepared, (middle, _) = problem.prepared, middle_of(problem)
@@ -74,7 +75,7 @@ def _track_with_filter(
     state = np.concatenate([[prepared.start.soc], np.zeros(pairs)])
     covariance = np.diag([SOC_SD**2, *(r * current_sd_a) ** 2])
     noise_v2 = FIRST_ERROR_V**2
-    coefficients, variance = np.zeros(len(scale)), VARIANCE * np.eye(len(scale))
+    tracked = np.zeros(len(scale)), regression.VARIANCE * np.eye(len(scale))
     drops_v, rows = np.zeros(len(samples.time_s)), []
     for k, (interval_s, held_a) in enumerate(zip(drive.interval_s, drive.held_a, strict=True)):
         kept = np.exp(-interval_s / tau_s)
@@ -99,16 +100,11 @@ def _track_with_filter(
         if not samples.is_row[k]:
             continue
         recent = slice(k - pairs, k + 1)
-        drops = [np.diff(drops_v[recent], order)[0] for order in range(pairs + 1)]
-        currents = [np.diff(drive.current_a[recent], order)[0] for order in range(pairs + 1)]
-        regressor = np.array([-drop for drop in drops[-2::-1]] + currents[::-1]) / scale
-        variance = variance / FORGETTING
-        weighed = variance @ regressor
-        share = weighed / (1 + regressor @ weighed)
-        coefficients = coefficients + share * (drops[-1] - regressor @ coefficients)
-        variance = variance - np.outer(share, weighed)
-        variance = (variance + variance.T) / 2
-        rows.append(circuit_values(coefficients / scale, samples, pairs))
+        here = drops_v[recent], drive.current_a[recent]
+        columns, target = regression.difference_equation(*here, pairs)
+        row = columns[0] / scale, target[0]
+        tracked = regression.update(tracked, row, FORGETTING)
+        rows.append(regression.circuit_values(tracked[0] / scale, samples, pairs))
         if all(np.all(np.isfinite(values) & (values > 0)) for values in rows[-1]):
             r0, r, tau_s = rows[-1]
     r0s, rs, taus_s = zip(*rows, strict=True)

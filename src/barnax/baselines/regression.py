@@ -116,13 +116,21 @@ def regression(
     pairs = problem.bounds.pairs
     samples = even_samples(problem.prepared, pairs)
     is_row = samples.is_row[pairs:]
+    columns, target = difference_equation(samples.drop_v, samples.current_a, pairs)
+    return samples, columns[is_row], target[is_row]
+
+
+def difference_equation(
+    drop_v: Float[np.ndarray, "samples"], current_a: Float[np.ndarray, "samples"], pairs: int
+) -> tuple[Float[np.ndarray, "rows coefficients"], Float[np.ndarray, "rows"]]:
+    """Columns and target at every sample that has as many before it as there are pairs."""
 
     def differences(values: np.ndarray, order: int) -> np.ndarray:
-        return np.diff(values, order)[: len(is_row)][is_row]
+        return np.diff(values, order)[: len(drop_v) - pairs]
 
-    columns = [-differences(samples.drop_v, order) for order in range(pairs - 1, -1, -1)]
-    columns += [differences(samples.current_a, order) for order in range(pairs, -1, -1)]
-    return samples, np.stack(columns, axis=1), differences(samples.drop_v, pairs)
+    columns = [-differences(drop_v, order) for order in range(pairs - 1, -1, -1)]
+    columns += [differences(current_a, order) for order in range(pairs, -1, -1)]
+    return np.stack(columns, axis=1), differences(drop_v, pairs)
 
 
 def circuit_values(
@@ -266,6 +274,18 @@ def averaged(
     return answer_of(problem, parameters, (note, *notes))
 
 
+def update(state, row, forgetting):
+    """Coefficients and their variance after one more row, of a regressor and its target."""
+    (coefficients, variance), (regressor, value) = state, row
+    variance = variance / forgetting
+    seen = variance @ regressor
+    gain = seen / (1 + regressor @ seen)
+    coefficients = coefficients + gain * (value - regressor @ coefficients)
+    variance = variance - gain[:, None] * seen
+    # Rounding would let it lose its symmetry, and then its sign.
+    return coefficients, (variance + variance.T) / 2
+
+
 @jax.jit
 def _track(columns, target, factors):
     """Coefficients after every row; every one is forgotten by its own factor."""
@@ -273,16 +293,8 @@ def _track(columns, target, factors):
     forgetting = jnp.sqrt(factors[:, None] * factors[None, :])
 
     def step(state, row):
-        coefficients, variance = state
-        regressor, value = row
-        variance = variance / forgetting
-        seen = variance @ regressor
-        gain = seen / (1 + regressor @ seen)
-        coefficients = coefficients + gain * (value - regressor @ coefficients)
-        variance = variance - jnp.outer(gain, seen)
-        # Rounding would let it lose its symmetry, and then its sign.
-        variance = (variance + variance.T) / 2
-        return (coefficients, variance), coefficients
+        state = update(state, row, forgetting)
+        return state, state[0]
 
     start = (jnp.zeros(size), VARIANCE * jnp.eye(size))
     return lax.scan(step, start, (columns, target))[1]

@@ -204,7 +204,7 @@ def test_the_capacity_is_that_of_the_record_nearest_to_25_degc(over_temperature)
     exported = EXPORTERS["json"].write(own)
     assert json.loads(exported.content)["capacity [A.h]"] == 1.6
     assert "at 0, 25, 45 degC it was 1.7, 1.6, 2.1 Ah" in " ".join(exported.caveats)
-    assert b"barnax_capacity_ah = BARNAX_N(1.6);" in EXPORTERS["c-filter"].write(own).content
+    assert b"barnax_filter_capacity_ah = BARNAX_N(1.6);" in EXPORTERS["c-filter"].write(own).content
 
 
 def load(result) -> dict:

@@ -240,8 +240,9 @@ class UntestedRecords:
         nodes = self.settings.ocv_nodes or START_NODES
         near_full = replace(self, settings=replace(self.settings, ocv_nodes=nodes))
         settings = near_full.settings_of(circuit)
-        # An OCV of starts that differ is less steep than any record's.
-        for rounds in (ROUNDS,) if simpler else (1, ROUNDS):
+        # An OCV of starts that differ is less steep than any record's, and its time constants are
+        # others.
+        for rounds in (1, ROUNDS):
             cell, _, best, _ = near_full._fitted(circuit, registered)
             prepared = self.prepared(circuit, windows, cell)
             registered = windows_of(register(prepared, settings, rounds, best.log_scales))

@@ -24,8 +24,8 @@ from .leaders import ImprovedGreyWolf as ImprovedGreyWolf
 from .leaders import SailfishSearch as SailfishSearch
 from .leaders import SeagullSearch as SeagullSearch
 from .leaders import WhaleSearch as WhaleSearch
-from .minimise import from_numpy as from_numpy
-from .minimise import minimise as minimise
+from .run import from_numpy as from_numpy
+from .run import minimise as minimise
 from .population import AbstractPopulationMinimiser as AbstractPopulationMinimiser
 from .pso import CoevolvingSwarm as CoevolvingSwarm
 from .pso import MixedSwarm as MixedSwarm

@@ -23,7 +23,7 @@ from ..execution import (
 from ..model.coordinates import Coordinates
 from ..model.problem import Objective, Problem, point_blocks, residuals, rmse_by_scan
 from ..model.search_space import Kind
-from ..optimizers.minimise import Undifferentiated
+from ..optimizers.run import Undifferentiated
 from .answers import (
     AT_BOUND,
     AtBound,

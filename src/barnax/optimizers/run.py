@@ -101,7 +101,7 @@ def minimise(
         return _solve(fn, optimizer, y0, args, options, as_key(key), restarts, has_aux, throw)
     except ASKS_FOR_VALUES as error:
         raise InputError(
-            "the function asks for values while JAX traces it, as NumPy's functions and `if` do; "
+            "the function asks for values while JAX traces it, as NumPy and branches on them do; "
             "write it with jax.numpy, or give `from_numpy(fn)`, which calls Python every time"
         ) from error
 
@@ -169,7 +169,10 @@ def _require_inside(y: PyTree, options: dict[str, Any]) -> None:
 
 
 def from_numpy(fn: Callable[[PyTree, PyTree], Any]) -> Callable[[PyTree, PyTree], Array]:
-    """A function of NumPy arrays, `fn(y, args)`, as one that JAX can trace.
+    """A function of NumPy arrays as one that JAX can trace.
+
+    Args:
+        fn: `fn(y, args)`, a number, of NumPy arrays.
 
     Each generation leaves the compiled program and calls Python once for every candidate, one after
     the other, some 30 us each beside what `fn` itself takes. Who computes a whole population at

@@ -24,13 +24,13 @@ from .leaders import ImprovedGreyWolf as ImprovedGreyWolf
 from .leaders import SailfishSearch as SailfishSearch
 from .leaders import SeagullSearch as SeagullSearch
 from .leaders import WhaleSearch as WhaleSearch
-from .run import from_numpy as from_numpy
-from .run import minimise as minimise
 from .population import AbstractPopulationMinimiser as AbstractPopulationMinimiser
 from .pso import CoevolvingSwarm as CoevolvingSwarm
 from .pso import MixedSwarm as MixedSwarm
 from .pso import ParticleSwarm as ParticleSwarm
 from .pso import apso as apso
+from .run import from_numpy as from_numpy
+from .run import minimise as minimise
 from .swarm import Box as Box
 from .swarm import Swarm as Swarm
 from .swarm import keep_best as keep_best

@@ -48,7 +48,7 @@ SMALLER = {
     "ibmo()": "ibmo(iterations=5)",
     "ibmo_centered()": "ibmo_centered(iterations=5)",
     "(0), 30)": "(0), 2)",
-    "30, 500, ": "30, 5, ",
+    "30, 100, ": "30, 5, ",
     "RandomWalk()": "RandomWalk(iterations=20)",
 }
 

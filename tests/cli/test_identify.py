@@ -222,6 +222,29 @@ def test_windows_and_capacities_of_each_record_are_followed_and_repeat(tmp_path,
 
 
 @pytest.mark.parametrize(
+    ("file", "expected"),
+    [
+        ("drive.csv", "barnax identify out/plan.toml --trust basic --design d --out barnax-out"),
+        ("-", ""),
+        ("/dev/fd/63", ""),
+    ],
+)
+def test_the_next_step_is_an_option_beside_the_plan_of_the_run(
+    tmp_path, monkeypatch, file, expected
+):
+    monkeypatch.chdir(tmp_path)
+    step = Next("compute intervals of the parameters", {"trust": "basic"})
+    monkeypatch.setattr("barnax.reporting.first_screen.next_step", lambda _: step)
+    plan = Plan("identify", (Part(Path(file), file, "identification"),))
+    result, run = Result.from_json(golden.RESULT), Output().begun("out")
+    run.written = {"plan.toml"}
+    advice, shown = command._next(result, run, plan, Path("d"))
+    assert shown == expected
+    assert advice.startswith(step.advice)
+    assert ("saved as a file" in advice) == (not expected)
+
+
+@pytest.mark.parametrize(
     ("reason", "given", "common", "shown"),
     [
         ("why", {}, {}, "barnax identify d/a.csv d/b.csv d/c.csv --ocv d/o.csv --out barnax-out"),

@@ -193,6 +193,15 @@ def test_a_flat_ocv_brings_no_cell_to_its_start():
         barnax.design(flat)
 
 
+def test_a_part_of_the_charge_without_a_node_is_refused():
+    believed = believed_of(None, 2.0, "nmc")
+    nodes = (0.0, 0.4, 0.9, 1.0)
+    settings = replace(believed.settings, nodes=nodes)
+    coarse = replace(believed, settings=settings, ocv_soc=(0.4, 0.8), typical="")
+    with pytest.raises(InputError, match="`want` R0, R1, R2: no node lies from 43 to 80 % SOC"):
+        barnax.design(coarse, max_hours=1.5, blocks=BLOCKS)
+
+
 @pytest.mark.slow
 def test_hours_that_are_too_few_are_told_with_the_least():
     with pytest.raises(InputError, match=r"`max_hours` 0\.5: .* takes .* h without rests") as told:

@@ -10,7 +10,8 @@ import numpy as np
 import optimistix as optx
 import pytest
 
-from barnax.optimizers import BarnacleMating, Stop, from_numpy, minimise
+from barnax import InputError
+from barnax.optimizers import BarnacleMating, ParticleSwarm, Stop, from_numpy, minimise
 
 KEY = jr.key(4)
 CENTER = jnp.array([1.0, -2.0])
@@ -78,6 +79,40 @@ def test_a_tenth_step_of_optimistix_is_the_tenth_generation(whole):
     assert (solution.stats["evaluations"], solution.stats["num_steps"]) == (88, 10)
     expected = np.append(history_of(whole)[0, :11], [history_of(whole)[0, 10]] * 10)
     np.testing.assert_allclose(history_of(solution), expected, rtol=1e-4)
+
+
+def test_a_swarm_with_a_memory_is_the_same_step_by_step():
+    """Velocities are those of the generation before, and no later ones."""
+    key, optimizer = jr.key(1), ParticleSwarm(population=12, iterations=5)
+    options = {"key": key, "lower": -4.0, "upper": 3.0, "use_y0": False}
+    stepwise = optx.minimise(bowl, optimizer, jnp.zeros(2), options=options, throw=False)
+    at_once = minimise(bowl, optimizer, LOWER, UPPER, key=key)
+    assert len(set(history_of(at_once).tolist())) > 2
+    np.testing.assert_allclose(history_of(stepwise), history_of(at_once), rtol=1e-4)
+
+
+def test_no_search_that_is_over_reports_beside_others():
+    reported, keys = [], jr.split(KEY, 3)
+    solution = run(Stop(target=0.5), key=keys, callback=lambda *spent: reported.append(spent))
+    jax.effects_barrier()
+    evaluations = np.asarray(solution.stats["evaluations"])
+    assert len(set(evaluations.tolist())) > 1
+    assert len(reported) == np.sum(evaluations) / 8
+
+
+@pytest.mark.parametrize(
+    ("changes", "match"),
+    [
+        ({"key": jr.split(KEY, 4).reshape(2, 2)}, "a row of keys"),
+        ({"lower": jnp.array([-jnp.inf, 0.0])}, "are not finite"),
+        ({"upper": jnp.nan}, "are not finite"),
+    ],
+    ids=["keys", "infinite", "nan"],
+)
+def test_what_no_search_can_begin_from_is_refused(changes, match):
+    given = {"lower": LOWER, "upper": UPPER, "key": KEY, **changes}
+    with pytest.raises(InputError, match=match):
+        minimise(bowl, BarnacleMating(**SMALL), given.pop("lower"), given.pop("upper"), **given)
 
 
 def test_a_guess_is_the_first_candidate_and_has_to_lie_inside():

@@ -6,7 +6,6 @@ A new circuit is a `Circuit` here and one line in `CIRCUITS`.
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from operator import attrgetter
 from typing import Literal
 
 import numpy as np
@@ -18,6 +17,20 @@ from .model import CellModel
 from .parameters import MAX_PAIRS, parameter_names
 
 Samples = Float[np.ndarray, "samples"]
+Gap = Callable[[Samples], Samples]
+
+
+# By name, so that a circuit can be pickled and compared.
+def no_gap(cell: CellModel) -> Gap:
+    return np.zeros_like
+
+
+def measured_gap(cell: CellModel) -> Gap:
+    return cell.branch_gap_v
+
+
+def segmented_gap(cell: CellModel) -> Gap:
+    return cell.hysteresis
 
 
 @dataclass(frozen=True)
@@ -33,7 +46,7 @@ class Hysteresis:
     """
 
     kind: Literal["none", "instant", "loops", "dynamic"]
-    gap: Callable[[CellModel], Callable[[Samples], Samples]] = attrgetter("branch_gap_v")
+    gap: Callable[[CellModel], Gap] = measured_gap
 
     def half_v(self, cell: CellModel, soc: Samples) -> Samples:
         """Half the gap in V: from the average OCV to either branch."""
@@ -45,7 +58,7 @@ class Hysteresis:
 
 
 EVERYWHERE = np.linspace(0.0, 1.0, 101)
-NO_HYSTERESIS = Hysteresis("none", lambda _: np.zeros_like)
+NO_HYSTERESIS = Hysteresis("none", no_gap)
 
 
 @dataclass(frozen=True)
@@ -142,7 +155,7 @@ def loops(soc: Samples, direction: Samples) -> Samples:
 _AVERAGED = "OCV averaged over charge and discharge"
 _WITH = "two RC pairs, average OCV and"
 _PAIR = (RC.name,)
-SEGMENTED = Hysteresis("instant", attrgetter("hysteresis"))
+SEGMENTED = Hysteresis("instant", segmented_gap)
 DYNAMIC, LOOPS = Hysteresis("dynamic"), Hysteresis("loops")
 _TURNING = f"{_WITH} hysteresis that turns along hyperbolic tangents"
 ISO_RC = Circuit("iso-rc", f"{_WITH} segmented hysteresis voltage", _PAIR * 2, SEGMENTED)

@@ -8,6 +8,7 @@ here, once.
 
 import abc
 from dataclasses import field, replace
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -32,7 +33,8 @@ class Stop(NamedTuple):
 
     Attributes:
         target: At a best loss of this or less.
-        max_evaluations: Before a generation that would take the evaluations beyond these.
+        max_evaluations: Before a generation that would take the evaluations beyond these; the
+            first population is evaluated in any case.
         ftol: Where the best loss fell by no more than this share of itself in `patience`
             generations.
         patience: Those generations.
@@ -232,7 +234,8 @@ class AbstractPopulationSearch(eqx.Module):
         if stop.target is not None:
             over |= best <= stop.target
         if stop.max_evaluations is not None:
-            over |= state.evaluations + evaluations_per_iteration(self) > stop.max_evaluations
+            each = evaluations_per_iteration(replace(self, stop=NEVER))
+            over |= state.evaluations + each > stop.max_evaluations
         if stop.ftol is not None:
             before = state.history[jnp.maximum(state.generation - stop.patience, 0)]
             is_flat = before - best <= stop.ftol * jnp.abs(best)
@@ -240,6 +243,7 @@ class AbstractPopulationSearch(eqx.Module):
         return over
 
 
+@lru_cache
 def evaluations_per_iteration(optimizer: AbstractPopulationSearch) -> int:
     """Number of candidates that the optimizer evaluates in one generation."""
 
@@ -263,6 +267,9 @@ def as_key(key: Array) -> Key[Array, "*keys"]:
 
 def require_order(lower: Any, upper: Any) -> None:
     # Bounds that are traced have no value yet.
-    is_concrete = not any(isinstance(end, Tracer) for end in (lower, upper))
-    if is_concrete and np.any(np.asarray(lower) > np.asarray(upper)):
+    if any(isinstance(end, Tracer) for end in (lower, upper)):
+        return
+    if np.any(np.asarray(lower) > np.asarray(upper)):
         raise InputError(f"the lower bound {lower} is above the upper bound {upper}; exchange them")
+    if not np.all(np.isfinite(lower) & np.isfinite(upper)):
+        raise InputError(f"the bounds {lower} and {upper} are not finite; a population fills a box")

@@ -85,11 +85,12 @@ class AbstractPopulationMinimiser(AbstractPopulationSearch, optx.AbstractMinimis
         del tags
         # Optimistix keeps numbers only, so the key is not in the states that it sees.
         state = replace(state, key=as_key(options["key"]))
-        box, count = state.box, 1
-        if options.get("in_one_step", False):
-            # A constant keeps the counts of searches beside each other one number.
-            count, state = self.iterations, replace(state, generation=jnp.array(0))
-        first = state.generation + 1
+        if not options.get("in_one_step", False):
+            positions, asked = self.ask(state)
+            state = self._evaluated(fn, positions, asked, y, args, options)
+            return y, replace(state, key=None), state.best_aux
+        # A constant keeps the counts of searches beside each other one number.
+        box, count, state = state.box, self.iterations, replace(state, generation=jnp.array(0))
 
         def draw(generation):
             return self.draw(draw_key(state.key, generation), generation, box)
@@ -98,11 +99,11 @@ class AbstractPopulationMinimiser(AbstractPopulationSearch, optx.AbstractMinimis
             is_short = done < end
             return is_short & _any_of_all(~self.is_over(state)) if self.stop.is_early else is_short
 
-        at_once = min(self._generations_at_once(box), count)
+        at_once = self._generations_at_once(box)
 
         def some_generations(carry):
             done, state, positions = carry
-            drawn = jax.vmap(draw)(first + done + 1 + jnp.arange(at_once))
+            drawn = jax.vmap(draw)(done + 2 + jnp.arange(at_once))
             end = jnp.minimum(done + at_once, count)
 
             def one_generation(carry):
@@ -123,7 +124,7 @@ class AbstractPopulationMinimiser(AbstractPopulationSearch, optx.AbstractMinimis
         # What is drawn and what is proposed each pass from one turn of a loop to the next, that
         # is, through memory. Within a turn the compiler would compute both again wherever they
         # are used, at a cost, and with last bits that depend on the searches beside this one.
-        positions, state = self.ask(state, draw(first))
+        positions, state = self.ask(state, draw(jnp.array(1)))
         _, state, _ = lax.while_loop(
             lambda carry: goes_on(carry[0], count, carry[1]),
             some_generations,
@@ -148,10 +149,14 @@ class AbstractPopulationMinimiser(AbstractPopulationSearch, optx.AbstractMinimis
             losses, aux = keyed(positions, keys)
         else:
             losses, aux = jax.vmap(lambda x: fn(unravel(x), args))(positions)
-        state = self.tell(state, positions, losses, aux)
-        if options.get("callback") is not None:
+        was_over, state = self.is_over(state), self.tell(state, positions, losses, aux)
+        if (callback := options.get("callback")) is not None:
+            # A search that is over goes on beside others that are not.
+            def report(is_over, *spent):
+                return None if is_over else callback(*spent)
+
             spent = state.generation, state.evaluations, state.best_loss
-            jax.debug.callback(options["callback"], *spent)
+            jax.debug.callback(report, was_over, *spent)
         return state
 
     def terminate(self, fn, y, args, options, state: PopulationState, tags):

@@ -63,8 +63,8 @@ def minimise(
         optimizer: Such as `ibmo_centered()`; its `stop` ends a search early.
         lower: Lower bounds, a pytree of numbers and arrays that has the structure of `y`.
         upper: Upper bounds, the same.
-        key: A key of `jax.random`, or an array of keys: a search for each, with the bits that it
-            has alone.
+        key: A key of `jax.random`, or a row of keys: a search for each, the same as alone but for
+            rounding.
         args: Passed on to `fn`.
         y0: A guess inside the bounds, which is the first candidate.
         has_aux: True if `fn` returns a pair, of a number and something to keep of the best.
@@ -97,8 +97,10 @@ def minimise(
     options = {"lower": lower, "upper": upper, "in_one_step": True, "callback": callback}
     options |= {"keyed_objective": keyed_objective, "use_y0": use_y0}
     _require_inside(y0, options)
+    if (keys := as_key(key)).ndim > 1:
+        raise InputError(f"`key` has the shape {keys.shape}; give a key, or a row of keys")
     try:
-        return _solve(fn, optimizer, y0, args, options, as_key(key), restarts, has_aux, throw)
+        return _solve(fn, optimizer, y0, args, options, keys, restarts, has_aux, throw)
     except ASKS_FOR_VALUES as error:
         raise InputError(
             "the function asks for values while JAX traces it, as NumPy and branches on them do; "

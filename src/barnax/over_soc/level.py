@@ -3,7 +3,6 @@ cell with that OCV."""
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -30,10 +29,6 @@ OCV_NODES = (
     *(number / 160 for number in range(156, 158)),
     *(number / 320 for number in range(316, 324)),
 )
-# Starts are told near full by what the curve bends within hundredths of a percent of SOC: a line
-# between nodes is off by more than that.
-MIDDLES = [sum(pair) / 2 for pair in pairwise(OCV_NODES)]
-START_NODES = tuple(sorted([*OCV_NODES, *(middle for middle in MIDDLES if middle > 0.9)]))
 # It is measured from a line that says nothing.
 FREE_RIDGE = 1e-12
 NEARLY_LEVEL_V = 1e-6

@@ -20,7 +20,7 @@ from ..model.window import OCV_MARGIN, Window, first_sample, scored_samples, tem
 from ..notices import Notice
 from ..records import Record
 from ..records.record import in_means
-from .level import START_NODES, cell_of, level_cell, with_fitted_ocv
+from .level import cell_of, level_cell, with_fitted_ocv
 from .objective import Solution, TableObjective
 from .problem import find_best, reduced_objective, solved_at
 from .registration import MEANS_S, ROUNDS, register
@@ -237,13 +237,11 @@ class UntestedRecords:
         registered = dict(windows)
         for name, window in (simpler.windows if simpler else {}).items():
             registered[name] = replace(window, initial_direction=windows[name].initial_direction)
-        nodes = self.settings.ocv_nodes or START_NODES
-        near_full = replace(self, settings=replace(self.settings, ocv_nodes=nodes))
-        settings = near_full.settings_of(circuit)
+        settings = self.settings_of(circuit)
         # An OCV of starts that differ is less steep than any record's, and its time constants are
         # others.
         for rounds in (1, ROUNDS):
-            cell, _, best, _ = near_full._fitted(circuit, registered)
+            cell, _, best, _ = self._fitted(circuit, registered)
             prepared = self.prepared(circuit, windows, cell)
             registered = windows_of(register(prepared, settings, rounds, best.log_scales))
         return registered

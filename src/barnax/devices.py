@@ -9,7 +9,7 @@ from typing import Any
 import platformdirs
 
 # glibc's malloc.h. What one thread frees another takes, of one pool of memory instead of eight a
-# core: `barnax identify` takes a quarter less.
+# core.
 ONE_POOL = {-8: 1}  # M_ARENA_MAX
 
 VARIABLES = ("JAX_PLATFORMS", "JAX_PLATFORM_NAME")

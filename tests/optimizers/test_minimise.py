@@ -91,6 +91,13 @@ def test_a_swarm_with_a_memory_is_the_same_step_by_step():
     np.testing.assert_allclose(history_of(stepwise), history_of(at_once), rtol=1e-4)
 
 
+def test_a_setting_may_be_an_array():
+    """As where settings are searched for, or vary over a vmap."""
+    optimizer = ParticleSwarm(8, 20, inertia_start=jnp.array(0.8), stop=Stop(max_evaluations=30))
+    solution = minimise(bowl, optimizer, LOWER, UPPER, key=KEY)
+    assert solution.stats["evaluations"] == 24
+
+
 def test_no_search_that_is_over_reports_beside_others():
     reported, keys = [], jr.split(KEY, 3)
     solution = run(Stop(target=0.5), key=keys, callback=lambda *spent: reported.append(spent))

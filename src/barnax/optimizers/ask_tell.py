@@ -8,7 +8,6 @@ here, once.
 
 import abc
 from dataclasses import field, replace
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -133,7 +132,7 @@ class AbstractPopulationSearch(eqx.Module):
     ) -> PopulationState:
         """The state before anything is evaluated; `guess`, inside the box, is the first candidate.
 
-        Raises `ValueError` where a lower bound is above its upper bound.
+        Raises `InputError` for bounds in the wrong order, and for infinite ones.
         """
         require_order(lower, upper)
         dtype = jnp.result_type(float, lower, upper)
@@ -228,14 +227,14 @@ class AbstractPopulationSearch(eqx.Module):
         )
 
     def is_over(self, state: PopulationState) -> Bool[Array, ""]:
-        """True if the search has spent its generations, or has come to its `stop`."""
+        """True if the search has spent its generations, or has come to its `stop`. Beside
+        `max_evaluations`, compile it too: it traces a generation to count what that evaluates."""
         stop, best = self.stop, state.best_loss
         over = state.generation >= self.iterations
         if stop.target is not None:
             over |= best <= stop.target
         if stop.max_evaluations is not None:
-            each = evaluations_per_iteration(replace(self, stop=NEVER))
-            over |= state.evaluations + each > stop.max_evaluations
+            over |= state.evaluations + evaluations_per_iteration(self) > stop.max_evaluations
         if stop.ftol is not None:
             before = state.history[jnp.maximum(state.generation - stop.patience, 0)]
             is_flat = before - best <= stop.ftol * jnp.abs(best)
@@ -243,7 +242,6 @@ class AbstractPopulationSearch(eqx.Module):
         return over
 
 
-@lru_cache
 def evaluations_per_iteration(optimizer: AbstractPopulationSearch) -> int:
     """Number of candidates that the optimizer evaluates in one generation."""
 

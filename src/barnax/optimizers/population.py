@@ -45,7 +45,7 @@ class AbstractPopulationMinimiser(AbstractPopulationSearch, optx.AbstractMinimis
       by a fresh one for every single evaluation; for objectives with noise of their own.
     - `options["use_y0"]`: if false, `y0` gives shapes and dtypes only.
     - `options["in_one_step"]`: if true, Optimistix counts the whole search as one step, which is
-      up to four times faster for a cheap objective than a step a generation.
+      faster for a cheap objective than a step a generation.
     - `options["callback"]`: called with generation, evaluations and best loss, each generation.
 
     A loss that is NaN or infinite counts as infinite and can never become the best, so NaN says

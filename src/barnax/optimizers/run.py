@@ -76,8 +76,8 @@ def minimise(
             search.
         throw: True if a search where no loss was finite is to raise.
 
-    Raises `InputError` for bounds in the wrong order, a `y0` outside them, and a function that JAX
-    cannot trace.
+    Raises `InputError` for bounds in the wrong order or infinite, a `y0` outside them, keys of more
+    than one row, and a function that JAX cannot trace.
 
     >>> from barnax.optimizers import ibmo_centered
     >>> ends = {"r": 0.0, "tau": jnp.zeros(2)}, {"r": 1.0, "tau": jnp.full(2, 9.0)}
@@ -177,7 +177,7 @@ def from_numpy(fn: Callable[[PyTree, PyTree], Any]) -> Callable[[PyTree, PyTree]
         fn: `fn(y, args)`, a number, of NumPy arrays.
 
     Each generation leaves the compiled program and calls Python once for every candidate, one after
-    the other, some 30 us each beside what `fn` itself takes. Who computes a whole population at
+    the other, which takes far longer than a cheap `fn` itself. Who computes a whole population at
     once is better served by `ask` and `tell`. Make it once: another one is compiled anew.
 
     >>> bool(from_numpy(lambda y, args: np.sum(y**2))(jnp.ones(3), None) == 3)

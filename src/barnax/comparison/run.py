@@ -96,48 +96,47 @@ def compare(
     models = tuple(dict.fromkeys(model for model, _ in rows))
 
     def make(model: str, cell: CellModel) -> Problem:
+        ranges, held = (applicable_to(model, values, models) for values in (bounds, fixed))
         return make_problem(
-            record,
-            cell,
-            model,
-            window=window,
-            bounds=applicable_to(model, bounds, models),
-            fixed=applicable_to(model, fixed, models),
-            coordinates=coordinates,
-            objective=objective,
-            source=source,
-        )
+            record, cell, model,
+            window=window, bounds=ranges, fixed=held,
+            coordinates=coordinates, objective=objective, source=source,
+        )  # fmt: skip
 
     # All have the OCV that the first model's circuit finds at rest.
     cell = without_sweep_drop(make(models[0], cell)).cell
     problems = {model: with_better_directions(make(model, cell)) for model in models}
-    prepared_records = {model: [problem.prepared] for model, problem in problems.items()}
-    for model, prepared in prepared_records.items():
-        prepared += [
-            prepare_record(other, cell, model, its)
-            for other, its in zip(validation, windows, strict=True)
-        ]
+    others = list(zip(validation, windows, strict=True))
+    validated = {
+        model: [prepare_record(other, cell, model, its) for other, its in others]
+        for model in models
+    }
     answered = [
-        _run(problems[model], prepared_records[model], method, budget, watch)
-        for model, method in rows
+        _run(problems[model], validated[model], method, budget, watch) for model, method in rows
     ]
+    return _result(problems, answered, budget, watch)
+
+
+def _result(
+    problems: Mapping[str, Problem], answered: Sequence[Row], budget: Budget, watch: Watch
+) -> ComparisonResult:
+    """The result of rows that are answered: refined, beside the global optima, and compared."""
     with watch(REFINEMENT):
         refined = _refine(answered)
     with watch(OPTIMA):
-        proofs = {model: optimum_or_none(problem) for model, problem in problems.items()}
-    optima = {model: optimum for model, optimum in proofs.items() if optimum is not None}
+        optima = {model: optimum_or_none(problem) for model, problem in problems.items()}
     with watch(DIFFERENCES):
         differences = _differences(refined, budget.key)
     for index, row in enumerate(refined):
-        if row.failure is None and row.model in optima:
-            gap = optimality_gap(row.median.rmse_v, optima[row.model].rmse_v)
+        optimum = optima[row.model]
+        if row.failure is None and optimum is not None:
+            gap = optimality_gap(row.median.rmse_v, optimum.rmse_v)
             refined[index] = replace(row, optimality_gap=gap)
+    first, *_ = problems.values()
     evaluated = next((row.evaluations for row in refined if row.failure is None), ())
-    first = problems[models[0]]
-    roles = ["identification", *["validation"] * len(validation)]
     inputs = [
-        InputPart.simulated(role, evaluation)
-        for role, evaluation in zip(roles, evaluated, strict=False)
+        InputPart.simulated("validation" if index else "identification", evaluation)
+        for index, evaluation in enumerate(evaluated)
     ]
     notices = [warning for problem in problems.values() for warning in problem.warnings]
     for tried in (evaluation for row in refined for evaluation in row.evaluations):
@@ -149,7 +148,7 @@ def compare(
             model: ModelPart(
                 bounds=dict(problem.bounds.ranges),
                 fixed=dict(problem.bounds.fixed),
-                optimum=optima.get(model),
+                optimum=optima[model],
             )
             for model, problem in problems.items()
         },
@@ -165,11 +164,7 @@ def compare(
 
 @in_float64
 def _run(
-    problem: Problem,
-    prepared_records: Sequence[PreparedRecord],
-    method: str,
-    budget: Budget,
-    watch: Watch,
+    problem: Problem, validated: Sequence[PreparedRecord], method: str, budget: Budget, watch: Watch
 ) -> Row:
     """One row, before its refinement."""
     source, is_deterministic = METHODS[method].source, METHODS[method].is_deterministic
@@ -182,11 +177,10 @@ def _run(
         except np.linalg.LinAlgError:
             return replace(row, failure="its equations have no solution on these data")
     row = replace(row, answers=tuple(answers))
-    identified, *others = prepared_records
     parameters = row.median.parameters
-    evaluations = [evaluate(identified, parameters)]
     evaluated = partial(evaluate, parameters=parameters)
-    evaluations += [evaluate_from_either(prepared, evaluated) for prepared in others]
+    evaluations = [evaluated(problem.prepared)]
+    evaluations += [evaluate_from_either(prepared, evaluated) for prepared in validated]
     box = problem.log_coordinates
     return replace(
         row,

@@ -8,7 +8,7 @@ import pytest
 from barnax import Result
 from barnax.cell.parameters import OCV_CORRECTION
 from barnax.errors import InputError
-from barnax.experiment.belief import believed_of_result
+from barnax.experiment.prior import prior_of_result
 from barnax.pipeline import hppc
 from barnax.reporting.first_screen import first_screen
 from barnax.reporting.identification import identification_document
@@ -38,7 +38,7 @@ def result() -> Result:
 
 
 def test_a_design_knows_only_what_was_measured_at_its_temperature(result):
-    cold, between = (believed_of_result(result, degc) for degc in (5.0, 35.0))
+    cold, between = (prior_of_result(result, degc) for degc in (5.0, 35.0))
     own = {(each.name, each.soc): each.value for each in result.tables.fits[0].intervals}
     assert cold.tables.at("R0 [Ohm]", np.array([0.5]))[0] == own["R0 [Ohm]", 0.5]
     assert set(cold.half_widths) <= set(own)
@@ -46,7 +46,7 @@ def test_a_design_knows_only_what_was_measured_at_its_temperature(result):
     assert not between.half_widths
     assert np.all(between.worst == 2.0)
     with pytest.raises(InputError, match="one temperature"):
-        believed_of_result(result.at_temperature(5.0), 5.0)
+        prior_of_result(result.at_temperature(5.0), 5.0)
 
 
 def test_each_temperature_has_the_resistances_of_the_cell(result):

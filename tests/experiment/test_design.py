@@ -14,8 +14,8 @@ from scipy.linalg import toeplitz
 import barnax
 from barnax.errors import InputError
 from barnax.experiment import Block
-from barnax.experiment.belief import believed_of_chemistry
 from barnax.experiment.information import Seconds, columns_along, information_of, widths_of
+from barnax.experiment.prior import prior_of_chemistry
 from barnax.experiment.protocol import sampled, voltage_along
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
@@ -49,60 +49,60 @@ def pulsed():
 
 
 @pytest.fixture(scope="module")
-def believed():
-    return believed_of_chemistry("nmc", 2.0)
+def prior():
+    return prior_of_chemistry("nmc", 2.0)
 
 
-def test_columns_are_the_derivatives_of_the_voltage(believed):
+def test_columns_are_the_derivatives_of_the_voltage(prior):
     current_a = np.repeat([0.0, 3.0, -1.0, 0.5], 40)
-    columns, _ = columns_along(believed, current_a, 0.62)
-    nodes = believed.settings.nodes
-    for row in range(1 + believed.tables.pairs):
+    columns, _ = columns_along(prior, current_a, 0.62)
+    nodes = prior.settings.nodes
+    for row in range(1 + prior.tables.pairs):
         place = row * len(nodes) + nodes.index(0.6)
         changed = []
         for step in (1e-3, -1e-3):
-            moved = believed.tables.ohm[row]
+            moved = prior.tables.ohm[row]
             moved[nodes.index(0.6)] += step
-            tables = believed.tables.with_tables({believed.tables.resistances[row]: moved})
-            changed.append(voltage_along(replace(believed, tables=tables), current_a, 0.62)[0])
+            tables = prior.tables.with_tables({prior.tables.resistances[row]: moved})
+            changed.append(voltage_along(replace(prior, tables=tables), current_a, 0.62)[0])
         slope = (changed[0] - changed[1]) / 2e-3
         np.testing.assert_allclose(columns[:, place], -slope, atol=1e-9)
 
 
-def test_columns_are_those_that_intervals_of_a_fit_are_of(believed):
+def test_columns_are_those_that_intervals_of_a_fit_are_of(prior):
     current_a = np.repeat([0.0, 3.0, -1.0, 0.5], 40)
-    columns, _ = columns_along(believed, current_a, 0.62)
+    columns, _ = columns_along(prior, current_a, 0.62)
     record = make_record(np.arange(len(current_a)), current_a)
     window = Window(initial_soc=0.62)
-    prepared = prepare_record(record, believed.cell, "so-rc", window, is_measured=False)
-    log_scales = tuple(np.log(believed.tables.tau_s).tolist())
-    held = held_at(believed.tables.named_tau_s, log_scales)
-    settings = replace(believed.settings, folds=0)
+    prepared = prepare_record(record, prior.cell, "so-rc", window, is_measured=False)
+    log_scales = tuple(np.log(prior.tables.tau_s).tolist())
+    held = held_at(prior.tables.named_tau_s, log_scales)
+    settings = replace(prior.settings, folds=0)
     objective = reduced_objective([prepared], settings, held)
     found = objective.solve(log_scales)
-    tables = (believed.values[places] for places in believed.tables_of_names.values())
+    tables = (prior.values[places] for places in prior.tables_of_names.values())
     found = replace(found, values=tuple(tables))
     with jax.enable_x64(True):
         fitted = np.concatenate([rows for rows, *_ in linearized(objective, found)])
-    own = columns[prepared.scored, : len(believed.names)]
+    own = columns[prepared.scored, : len(prior.names)]
     np.testing.assert_allclose(own, fitted, atol=1e-11)
 
 
 @pytest.mark.parametrize(("time_s", "tolerance"), [(0, 1e-12), (10, 1e-12), (200, 5e-3)])
-def test_the_noise_of_products_is_that_of_the_whole_covariance(believed, time_s, tolerance):
-    columns, _ = columns_along(believed, np.repeat([0.0, 2.0, -1.0], 400), 0.5)
-    error = replace(believed.error, noise=((time_s, 3e-3),))
-    found = information_of(replace(believed, error=error), columns)
+def test_the_noise_of_products_is_that_of_the_whole_covariance(prior, time_s, tolerance):
+    columns, _ = columns_along(prior, np.repeat([0.0, 2.0, -1.0], 400), 0.5)
+    error = replace(prior.error, noise=((time_s, 3e-3),))
+    found = information_of(replace(prior, error=error), columns)
     lags = np.arange(len(columns))
     covariance = toeplitz(9e-6 * (np.exp(-lags / time_s) if time_s else lags == 0))
-    own = columns[:, : len(believed.names)]
+    own = columns[:, : len(prior.names)]
     expected = own.T @ covariance @ own
     np.testing.assert_allclose(found.noise, expected, atol=tolerance * np.abs(expected).max())
 
 
-def test_the_error_on_a_drive_is_that_of_fits_to_cells_that_are_no_circuits(believed):
+def test_the_error_on_a_drive_is_that_of_fits_to_cells_that_are_no_circuits(prior):
     rng = np.random.default_rng(1)
-    quiet = replace(believed, error=replace(believed.error, noise=(), left_out=2.0))
+    quiet = replace(prior, error=replace(prior.error, noise=(), left_out=2.0))
     test_a, drive_a = (np.repeat(rng.uniform(-2, 4, 300), 20) for _ in range(2))
     count = len(quiet.names)
     (on_test, _), (on_drive, _) = (columns_along(quiet, each, 1.0) for each in (test_a, drive_a))
@@ -190,10 +190,10 @@ def test_a_wish_that_is_easy_takes_the_least_time_whatever_is_given():
     assert hours[1] < 1.1 * hours[0]
 
 
-def test_earlier_records_narrow_what_a_test_leaves(believed):
+def test_earlier_records_narrow_what_a_test_leaves(prior):
     current_a = np.tile(np.repeat([2.0, -1.0], 30), 20)
     earlier = Seconds("earlier", current_a[::-1].copy(), 0.6, np.ones(len(current_a), bool))
-    known = replace(believed, earlier=[earlier], half_widths={("R1 [Ohm]", 0.6): 0.2})
+    known = replace(prior, earlier=[earlier], half_widths={("R1 [Ohm]", 0.6): 0.2})
     columns, _ = columns_along(known, current_a, 0.6)
     widths = widths_of(known, information_of(known, columns))
     (width,) = [each for each in widths if (each.name, each.soc) == ("R1 [Ohm]", 0.6)]

@@ -9,8 +9,8 @@ from scipy.signal import lfilter
 import barnax
 from barnax.bundled import BUNDLED
 from barnax.cell import characterize
-from barnax.experiment.belief import believed_of_chemistry, by_second, error_of
 from barnax.experiment.information import columns_along
+from barnax.experiment.prior import by_second, error_of, prior_of_chemistry
 from barnax.metrics import measure
 from barnax.model.prepared import Window, prepare_record
 from barnax.records import read_record
@@ -24,16 +24,16 @@ def prepared():
 
 
 @pytest.fixture(scope="module")
-def believed(prepared):
-    known = believed_of_chemistry("nmc", prepared.capacity_ah)
+def prior(prepared):
+    known = prior_of_chemistry("nmc", prepared.capacity_ah)
     return replace(known, settings=barnax.TableSettings())
 
 
-def left(prepared, believed, error_v):
+def left(prepared, prior, error_v):
     """What a fit of tables leaves of an error."""
     seconds = by_second(prepared)
-    columns, _ = columns_along(believed, seconds.current_a, seconds.soc)
-    tables = columns[:, : len(believed.names)]
+    columns, _ = columns_along(prior, seconds.current_a, seconds.soc)
+    tables = columns[:, : len(prior.names)]
     error_v = error_v.copy()
     error_v[:-1] -= tables @ np.linalg.lstsq(tables, error_v[:-1], rcond=1e-6)[0]
     simulated_v = prepared.voltage_v - error_v
@@ -54,17 +54,17 @@ def test_a_record_by_the_second_takes_the_same_charge(prepared):
 
 
 @pytest.mark.slow
-def test_noise_is_told_from_what_a_circuit_leaves_out(prepared, believed):
+def test_noise_is_told_from_what_a_circuit_leaves_out(prepared, prior):
     rng = np.random.default_rng(3)
     count = len(prepared.soc)
     seconds = by_second(prepared)
-    columns, _ = columns_along(believed, seconds.current_a, seconds.soc)
-    left_out = columns[:, len(believed.names) :]
+    columns, _ = columns_along(prior, seconds.current_a, seconds.soc)
+    left_out = columns[:, len(prior.names) :]
     found = {}
     for size in (0.0, 0.4, 0.8):
         more_v = np.append(left_out @ rng.normal(size=left_out.shape[1]), 0.0) * size
         noise_v = correlated(rng, count, 10, 2e-3) + correlated(rng, count, 200, 2e-3)
-        found[size] = error_of(believed, [left(prepared, believed, noise_v + more_v[:count])])
+        found[size] = error_of(prior, [left(prepared, prior, noise_v + more_v[:count])])
     assert found[0.0].left_out < 0.15
     assert found[0.0].rest_v == pytest.approx(found[0.0].rmse_v, rel=0.05)
     for size in (0.4, 0.8):
@@ -72,11 +72,11 @@ def test_noise_is_told_from_what_a_circuit_leaves_out(prepared, believed):
         assert found[size].rest_v < 0.95 * found[size].rmse_v
 
 
-def test_planted_noise_is_found(prepared, believed):
+def test_planted_noise_is_found(prepared, prior):
     rng = np.random.default_rng(4)
     count = len(prepared.soc)
     noise_v = correlated(rng, count, 10, 2e-3) + correlated(rng, count, 200, 3e-3)
-    error = error_of(believed, [left(prepared, believed, noise_v)])
+    error = error_of(prior, [left(prepared, prior, noise_v)])
     fast, slow = (
         np.sqrt(sum(sd_v**2 for time_s, sd_v in error.noise if (time_s < 45) == is_fast))
         for is_fast in (True, False)
@@ -86,11 +86,11 @@ def test_planted_noise_is_found(prepared, believed):
 
 
 @pytest.mark.slow
-def test_records_have_the_noise_of_both(prepared, believed):
+def test_records_have_the_noise_of_both(prepared, prior):
     rng = np.random.default_rng(5)
     count = len(prepared.soc)
-    both = [left(prepared, believed, correlated(rng, count, 60, sd_v)) for sd_v in (1e-3, 4e-3)]
-    found = error_of(believed, both)
+    both = [left(prepared, prior, correlated(rng, count, 60, sd_v)) for sd_v in (1e-3, 4e-3)]
+    found = error_of(prior, both)
     expected_v = np.sqrt((1e-6 + 16e-6) / 2)
     assert np.sqrt(sum(sd_v**2 for _, sd_v in found.noise)) == pytest.approx(expected_v, rel=0.2)
-    assert error_of(believed, both[:1]).rmse_v < 0.5 * found.rmse_v
+    assert error_of(prior, both[:1]).rmse_v < 0.5 * found.rmse_v

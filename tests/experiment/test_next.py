@@ -13,8 +13,8 @@ from barnax.cli.app import app
 from barnax.cli.design import _earlier, plan_after
 from barnax.cli.identify import _sampled_by
 from barnax.experiment import Step
-from barnax.experiment.belief import believed_of
 from barnax.experiment.information import before_of
+from barnax.experiment.prior import prior_of
 from barnax.experiment.protocol import sampled, window_of
 from barnax.model.window import Window
 from barnax.plan import Part, Plan, plan_from_toml, plan_to_toml
@@ -33,8 +33,8 @@ def design(result):
 
 
 @pytest.fixture(scope="module")
-def believed(result):
-    return believed_of(result, None)
+def prior(result):
+    return prior_of(result, None)
 
 
 def test_what_a_result_determines_counts(design):
@@ -123,7 +123,7 @@ def test_a_record_that_is_predicted_badly_is_answered_with_more_data(result, tim
     assert step.advice.startswith("identify on validation.parquet too") is is_bad
 
 
-def test_no_test_is_designed_for_what_is_known_already(result, believed, tmp_path, monkeypatch):
+def test_no_test_is_designed_for_what_is_known_already(result, prior, tmp_path, monkeypatch):
     easy = {"R0": 0.5, "drive": 0.1}
     none = barnax.design(result, want=easy)
     assert (none.steps, none.hours, none.already) == ((), 0.0, ("R0", "drive"))
@@ -142,13 +142,13 @@ def test_no_test_is_designed_for_what_is_known_already(result, believed, tmp_pat
     assert barnax.Design.load(tmp_path / "out").to_json() == none.to_json()
     monkeypatch.undo()
     # One more wish, or hours, and there is a test: of all the hours, as nothing is to be reached.
-    asked = quick_design(believed, want=easy, max_hours=1.3, blocks=BLOCKS)
+    asked = quick_design(prior, want=easy, max_hours=1.3, blocks=BLOCKS)
     assert asked.hours == pytest.approx(1.3, abs=0.02)
     shown = screen_of(design_screen(asked))
     assert "Known already:  R0 " in shown
 
 
-def test_before_with_the_test_and_reached_are_one_quantity(design, result, believed):
+def test_before_with_the_test_and_reached_are_one_quantity(design, result, prior):
     """What more samples narrow: no matter over what else printed intervals reach."""
     fit = result.fit
     for name in ("R0", "R1", "R2"):
@@ -160,10 +160,10 @@ def test_before_with_the_test_and_reached_are_one_quantity(design, result, belie
     wide = replace(fit, intervals=tuple(one.spanning([-0.03, 0.03]) for one in fit.intervals))
     part = replace(result.tables, fits=(wide,), hold_shift_ohm=0.03)
     other = result.model_copy(update={"tables": part})
-    reaching = believed_of(other, None)
-    assert before_of(reaching) == before_of(believed)
-    assert reaching.half_widths == believed.half_widths
-    assert reaching.printed["R0 [Ohm]", 0.5] > 5 * believed.printed["R0 [Ohm]", 0.5]
+    reaching = prior_of(other, None)
+    assert before_of(reaching) == before_of(prior)
+    assert reaching.half_widths == prior.half_widths
+    assert reaching.printed["R0 [Ohm]", 0.5] > 5 * prior.printed["R0 [Ohm]", 0.5]
 
 
 def test_a_test_that_falls_short_says_where_and_why(design):
@@ -184,7 +184,7 @@ def test_voltages_are_those_of_a_chemistry_or_the_narrower_where_no_full_cell_sh
     ends_v, window_v
 ):
     for chemistry, usual_v in (("nmc", (2.5, 4.2)), ("lfp", (2.0, 3.65))):
-        assert window_of(believed_of(None, 2.0, chemistry).cell) == usual_v
+        assert window_of(prior_of(None, 2.0, chemistry).cell) == usual_v
     soc = np.linspace(0.1, 0.5, 9)
     points = tuple(
         OcvPoint(float(at), float(volts), "a.csv", row=0, rest_s=0.0)
@@ -200,7 +200,7 @@ def test_an_answer_of_one_value_at_every_soc_is_believed_with_its_own_values():
     quick = {"model": "so-rc", "seeds": 0, "trust": "none"}
     result = barnax.identify(made()[0], window=window, **quick)
     assert result.answer == "so-rc with a fitted OCV"
-    tables = believed_of(result, None).tables
+    tables = prior_of(result, None).tables
     for name in ("R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]"):
         np.testing.assert_array_equal(np.unique(tables.tables[name]), result.parameters[name])
     for name, tau_s in tables.constants.items():

@@ -11,7 +11,7 @@ import barnax
 from barnax.bundled import bundled_file
 from barnax.cell.curves import InterpolatedCurve
 from barnax.errors import InputError
-from barnax.experiment.belief import believed_of
+from barnax.experiment.prior import prior_of
 from barnax.experiment.protocol import sampled
 from barnax.records import read_record
 from barnax.reporting.design import planned_screen
@@ -49,8 +49,8 @@ def placed():
 
 
 @pytest.fixture(scope="module")
-def believed(placed):
-    return believed_of(placed, None)
+def prior(placed):
+    return prior_of(placed, None)
 
 
 @pytest.fixture(scope="module")
@@ -77,9 +77,9 @@ def require_limits(result, design, initial_soc, abs_v=0.05):
         assert voltage_v.min() == pytest.approx(design.predicted.voltage_v.min(), abs=abs_v)
 
 
-def test_a_test_stays_where_the_ocv_is_known(believed, result):
-    design = quick_design(believed, **LIMITS)
-    low, high = believed.ocv_soc
+def test_a_test_stays_where_the_ocv_is_known(prior, result):
+    design = quick_design(prior, **LIMITS)
+    low, high = prior.ocv_soc
     assert (low, high) == pytest.approx((0.2, 0.65), abs=0.01)
     assert design.initial_soc == high
     assert low <= design.predicted.soc.min() < low + 0.1
@@ -90,18 +90,18 @@ def test_a_test_stays_where_the_ocv_is_known(believed, result):
     assert before in procedure(design)
     assert before in (ast.get_docstring(ast.parse(pybamm_script(design))) or "")
     require_limits(result, design, high)
-    assert "OCV from 20 to 65 %" in screen_of(planned_screen(believed))
+    assert "OCV from 20 to 65 %" in screen_of(planned_screen(prior))
 
 
 @pytest.fixture(scope="module")
 def joined(placed):
-    return believed_of(placed, None, "nmc")
+    return prior_of(placed, None, "nmc")
 
 
-def test_beyond_what_the_record_told_the_ocv_is_that_of_the_chemistry(joined, believed):
+def test_beyond_what_the_record_told_the_ocv_is_that_of_the_chemistry(joined, prior):
     soc = np.array([0.0, 0.1, 0.3, 0.6, 0.8, 1.0])
-    np.testing.assert_allclose(joined.ocv_v(soc[2:4]), believed.ocv_v(soc[2:4]), atol=1e-3)
-    typical_v = believed_of(None, 2.0, "nmc").ocv_v(soc)
+    np.testing.assert_allclose(joined.ocv_v(soc[2:4]), prior.ocv_v(soc[2:4]), atol=1e-3)
+    typical_v = prior_of(None, 2.0, "nmc").ocv_v(soc)
     np.testing.assert_allclose(joined.ocv_v(soc[[0, -1]]), typical_v[[0, -1]], atol=1e-6)
     assert np.all(np.diff(joined.ocv_v(np.linspace(0, 1, 501))) >= 0)
     reach_v = joined.ocv_end_v(soc, 1) - joined.ocv_v(soc)
@@ -119,7 +119,7 @@ def test_a_chemistry_takes_it_from_full_to_empty(joined, result):
 
 def test_another_chemistry_than_the_record_shows_is_refused(placed):
     with pytest.raises(InputError, match=r"`chemistry` lfp: at 65 % SOC .* 3\.27 V, .* 3\.86"):
-        believed_of(placed, None, "lfp")
+        prior_of(placed, None, "lfp")
 
 
 @pytest.mark.slow
@@ -138,14 +138,14 @@ def test_where_nothing_shows_what_is_full_the_voltage_brings_the_cell_to_its_sta
 @pytest.mark.parametrize("name", [pytest.param("unplaced", marks=pytest.mark.slow), "sized"])
 def test_no_typical_ocv_is_joined_where_nothing_shows_what_is_full(name, request):
     with pytest.raises(InputError, match=r"`chemistry` nmc: nothing shows .* full"):
-        believed_of(request.getfixturevalue(name), None, "nmc")
+        prior_of(request.getfixturevalue(name), None, "nmc")
 
 
 @pytest.mark.slow
 def test_a_capacity_alone_leaves_the_test_within_the_record(sized, result):
     """Of the 2 Ah of the true cell, its record began at 60 % and its fullest point is 65 %."""
-    believed = believed_of(sized, None)
-    design = barnax.design(believed, **LIMITS)
+    prior = prior_of(sized, None)
+    design = barnax.design(prior, **LIMITS)
     taken_ah = 2.0 * (design.initial_soc - design.predicted.soc.min())
     held_ah = 2.0 * result.cell.soc_from_rest_voltage(design.start_v)
     assert taken_ah < held_ah - 2.0 * 0.2 + 0.03
@@ -154,11 +154,11 @@ def test_a_capacity_alone_leaves_the_test_within_the_record(sized, result):
 
 def test_a_chemistry_whose_highest_voltage_the_cell_passes_is_refused():
     """A full cell at 4.33 V: near a typical one at 4.18 V, and above the 4.2 V that it stops at."""
-    believed = believed_of(None, 2.0, "nmc")
+    prior = prior_of(None, 2.0, "nmc")
     rising = InterpolatedCurve.fit(np.array([0.0, 1.0]), np.array([2.7, 4.33]))
-    cell = replace(believed.cell, charge=rising, discharge=rising)
+    cell = replace(prior.cell, charge=rising, discharge=rising)
     with pytest.raises(InputError, match=r"at 100 % SOC .* 4\.18 V, and this one 4\.33 V"):
-        believed_of(replace(believed, cell=cell, typical=""), None, "nmc")
+        prior_of(replace(prior, cell=cell, typical=""), None, "nmc")
 
 
 @pytest.mark.parametrize(
@@ -173,10 +173,10 @@ def test_a_chemistry_whose_highest_voltage_the_cell_passes_is_refused():
     ],
 )
 def test_a_start_above_the_highest_voltage_is_refused(ocv_soc, high_v, words):
-    believed = replace(believed_of(None, 2.0, "nmc"), ocv_soc=ocv_soc, typical="")
+    prior = replace(prior_of(None, 2.0, "nmc"), ocv_soc=ocv_soc, typical="")
     # Refused for its hours: the start was let through.
     with pytest.raises(InputError, match=words or "`max_hours` 0.5") as refused:
-        barnax.design(believed, high_voltage=high_v, max_hours=0.5, blocks=BLOCKS)
+        barnax.design(prior, high_voltage=high_v, max_hours=0.5, blocks=BLOCKS)
     assert ("`high_voltage`" in str(refused.value)) is (words is not None)
 
 

@@ -77,20 +77,20 @@ def design(cell: Cell, test: Test, output: Output) -> None:
     """
     run = output.begun("barnax-design", [] if cell.result is None else [cell.result])
     run.load_jax()
-    from ..experiment.belief import believed_of
+    from ..experiment.prior import prior_of
 
     with run.watch("Looking at the records"):
         stored = (
             None if cell.result is None else barnax.Result.load(cell.result, data=cell.data or ())
         )
         earlier = _earlier(cell.result)
-        believed = believed_of(stored, cell.capacity, cell.chemistry, test.temperature)
+        prior = prior_of(stored, cell.capacity, cell.chemistry, test.temperature)
     rates = {name: _rate(name, vars(test)[name]) for name in ("max_discharge", "max_charge")}
     with run.watch("Designing"):
         asked: dict[str, Any] = {**vars(test), **rates, "want": _wanted(test.want)}
-        test_design = barnax.design(believed, **asked)
+        test_design = barnax.design(prior, **asked)
     chosen = [name for name, rate in rates.items() if rate is not None]
-    run.show_document(reporting.design.planned_screen(believed, chosen))
+    run.show_document(reporting.design.planned_screen(prior, chosen))
     run.show_document(reporting.design.design_screen(test_design))
     if not test_design.is_needed:
         # A folder that nobody asked for would hold no test.

@@ -42,7 +42,7 @@ NEARLY_SOC, OVERSHOT = 0.02, 0.03
 OTHER_PAIR, FASTER, SLOWER = 0.3, (0.25,), (4.0, 16.0)
 CHANGE_AT_1C = 0.45
 LEFT_OUT_NODES = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
-# How far a table may be from what is believed where nothing is measured: a share, and V.
+# How far a table may be from its prior where nothing is measured: a share, and V.
 UNSEEN_SHARE, UNSEEN_V = 0.3, 20e-3
 # Slots in a correlation time that an error is taken for constant in.
 SLOTS_A_TIME = 10
@@ -82,8 +82,8 @@ class Seconds:
 
 
 @dataclass(frozen=True, eq=False)
-class Believed:
-    """The belief about a cell before a test.
+class Prior:
+    """The prior of a cell: what is assumed of it before a test.
 
     Attributes:
         cell: Its OCV, hysteresis and capacity.
@@ -156,7 +156,7 @@ class Believed:
 
     @cached_property
     def values(self) -> Float[np.ndarray, "unknowns"]:
-        """The believed value of each; zero for a correction of the OCV."""
+        """The prior value of each; zero for a correction of the OCV."""
         nodes, ocv_nodes = np.array(self.settings.nodes), np.array(self.settings.nodes_of_ocv)
         values = [self.tables.at(name, nodes) for name in self.tables.resistances]
         values.append(self.ocv_v(ocv_nodes) if self.finds_ocv else np.zeros(len(ocv_nodes)))
@@ -179,11 +179,11 @@ class Believed:
         correction_v = self.tables.at(OCV_CORRECTION, soc) if is_corrected else 0.0
         return self.cell.average_ocv_v(soc) + correction_v
 
-    def ocv_end_v(self, soc: Soc, way: int) -> Soc:
+    def ocv_end_v(self, soc: Soc, sign: int) -> Soc:
         """The lowest (-1) or highest (+1) that the OCV may be."""
         low, high = self.ocv_soc
         reach_v = self.ocv_reach_v + np.where((soc < low) | (soc > high), self.typical_reach_v, 0.0)
-        return self.ocv_v(soc + way * self.start_reach_soc) + way * reach_v
+        return self.ocv_v(soc + sign * self.start_reach_soc) + sign * reach_v
 
     @property
     def planned_soc(self) -> tuple[float, float]:
@@ -230,24 +230,24 @@ class Information:
         """J'J."""
         return self.normal[: len(self.noise), : len(self.noise)]
 
-    def inverse(self, believed: Believed, smoothing: float = LIGHT) -> Normal:
+    def inverse(self, prior: Prior, smoothing: float = LIGHT) -> Normal:
         """H^-1."""
-        whole = self.of_unknowns + smoothing * max(self.samples, 1) * believed.penalty
+        whole = self.of_unknowns + smoothing * max(self.samples, 1) * prior.penalty
         # Of a time constant that nothing tells, the logarithm is known to about one.
         whole[np.diag_indices(len(whole))] += 1e-12 * np.diag(whole).max()
         return np.asarray(cho_solve(cho_factor(whole), np.eye(len(whole))))
 
-    def covariance(self, believed: Believed, inverse: Normal) -> Normal:
+    def covariance(self, prior: Prior, inverse: Normal) -> Normal:
         """The covariance of what a fit finds, where what the circuit leaves out makes as much of
         its error as of the known one, or more."""
-        error, mean = believed.error, self.normal / max(self.samples, 1)
+        error, mean = prior.error, self.normal / max(self.samples, 1)
         level = (error.rest_v**2 + self._left_out_on(inverse, mean)) / error.rmse_v**2
         return level * (inverse @ self.noise @ inverse)
 
-    def left_on(self, believed: Believed, inverse: Normal, drive: Normal) -> float:
+    def left_on(self, prior: Prior, inverse: Normal, drive: Normal) -> float:
         """The RMSE in V of a fit of these samples where the mean product of columns is `drive`."""
-        smoothed = LIGHT * self.samples * inverse @ (believed.penalty * believed.unseen)
-        spread = self.covariance(believed, inverse) + smoothed @ smoothed.T
+        smoothed = LIGHT * self.samples * inverse @ (prior.penalty * prior.unseen)
+        spread = self.covariance(prior, inverse) + smoothed @ smoothed.T
         count = len(inverse)
         squared = np.sum(drive[:count, :count] * spread) + self._left_out_on(inverse, drive)
         return math.sqrt(max(float(squared), 0.0))
@@ -260,12 +260,10 @@ class Information:
         return float(np.trace(drive[count:, count:]) + np.sum(followed * left))
 
 
-def soc_along(
-    believed: Believed, current_a: Samples, soc: float, interval_s: float = 1.0
-) -> Samples:
+def soc_along(prior: Prior, current_a: Samples, soc: float, interval_s: float = 1.0) -> Samples:
     """The state of charge along a current that is held from sample to sample."""
     passed = np.append(0.0, np.cumsum(current_a[:-1])) * interval_s / 3600
-    return soc - passed / believed.cell.capacity_ah
+    return soc - passed / prior.cell.capacity_ah
 
 
 def lagged(flow: Rows, tau_s: float, interval_s: float = 1.0) -> Rows:
@@ -278,12 +276,12 @@ def lagged(flow: Rows, tau_s: float, interval_s: float = 1.0) -> Rows:
 
 
 def columns_along(
-    believed: Believed, current_a: Samples, soc: float, interval_s: float = 1.0
+    prior: Prior, current_a: Samples, soc: float, interval_s: float = 1.0
 ) -> tuple[Columns, Samples]:
     """The derivatives of the error by every unknown and by what the circuit leaves out, for a
     current that is held from sample to sample out of a rest, and the state of charge at each."""
-    along = soc_along(believed, current_a, soc, interval_s)
-    tables, settings = believed.tables, believed.settings
+    along = soc_along(prior, current_a, soc, interval_s)
+    tables, settings = prior.tables, prior.settings
     tau_s = np.array(tables.tau_s)
     after = partial(lagged, interval_s=interval_s)
     flows = hats(along, settings.nodes).T * current_a
@@ -292,28 +290,28 @@ def columns_along(
     rows.append(-hats(along, settings.nodes_of_ocv).T)
     for pair_tau_s, ohm in zip(tau_s, r_ohm, strict=True):
         above, below = (
-            after(ohm * current_a, pair_tau_s * math.exp(way * STEP)) for way in (1, -1)
+            after(ohm * current_a, pair_tau_s * math.exp(sign * STEP)) for sign in (1, -1)
         )
         rows.append((above - below)[None] / (2 * STEP))
-    flows = believed.error.left_out * hats(along, LEFT_OUT_NODES).T * current_a
+    flows = prior.error.left_out * hats(along, LEFT_OUT_NODES).T * current_a
     other = OTHER_PAIR * flows * tables.at(OHMIC, along)
     between_s = np.sqrt(tau_s[:-1] * tau_s[1:])
     for other_s in (*(tau_s[0] * np.array(FASTER)), *between_s, *(tau_s[-1] * np.array(SLOWER))):
         rows.append(after(other, other_s))
-    changes = CHANGE_AT_1C * np.abs(current_a) / believed.cell.capacity_ah
+    changes = CHANGE_AT_1C * np.abs(current_a) / prior.cell.capacity_ah
     changing = [flows * changes * ohm for ohm in r_ohm]
     rows += [changing[0], *map(after, changing, tau_s)]
     return np.concatenate(rows).T, along
 
 
-def information_of(believed: Believed, columns: Columns, interval_s: float = 1.0) -> Information:
+def information_of(prior: Prior, columns: Columns, interval_s: float = 1.0) -> Information:
     """The information of samples with these columns."""
     rows = np.ascontiguousarray(columns.T)
     products = rows @ rows.T
-    count = len(believed.names)
+    count = len(prior.names)
     jacobian, squares = rows[:count], products[:count, :count]
     noise = np.zeros_like(squares)
-    for time_s, sd_v in believed.error.noise:
+    for time_s, sd_v in prior.error.noise:
         if time_s == 0:
             noise += sd_v**2 * squares
             continue
@@ -351,46 +349,46 @@ class Width:
 
 
 def widths_of(
-    believed: Believed, test: Information | None = None, drive: Normal | None = None
+    prior: Prior, test: Information | None = None, drive: Normal | None = None
 ) -> tuple[Width, ...]:
     """Half an interval of every value that a sample of a test, else of the earlier records, is near
     to; where `drive` is the mean product of columns on a drive cycle, the RMSE on that too."""
-    earlier, before = believed.information_before, before_of(believed)
+    earlier, before = prior.information_before, before_of(prior)
     alone, after, of_test, joint = before, before, earlier, earlier
     if test is not None:
         of_test, joint = test, test + earlier
-        alone, after = _halves(believed, of_test), _halves(believed, joint)
+        alone, after = _halves(prior, of_test), _halves(prior, joint)
     widths = [
         Width(*name, value, alone[name], after[name], before.get(name))
-        for name, value in zip(believed.names, believed.values.tolist(), strict=True)
+        for name, value in zip(prior.names, prior.values.tolist(), strict=True)
         if name in alone
     ]
     if drive is not None and of_test and joint:
         fits = (of_test, joint, earlier) if earlier else (of_test, joint)
-        left_v = [each.left_on(believed, each.inverse(believed), drive) for each in fits]
+        left_v = [each.left_on(prior, each.inverse(prior), drive) for each in fits]
         widths.append(Width(f"{DRIVE} [V]", None, 0.0, *left_v))
     return tuple(widths)
 
 
-def before_of(believed: Believed) -> dict[Name, float]:
+def before_of(prior: Prior) -> dict[Name, float]:
     """Half the intervals of a fit of the earlier records; what their own told where none count."""
-    earlier = believed.information_before
-    return _halves(believed, earlier) if earlier else dict(believed.half_widths)
+    earlier = prior.information_before
+    return _halves(prior, earlier) if earlier else dict(prior.half_widths)
 
 
-def _halves(believed: Believed, fit: Information) -> dict[Name, float]:
+def _halves(prior: Prior, fit: Information) -> dict[Name, float]:
     """Half the intervals of what is seen, as `over_soc.intervals` has them: by the noise, and half
     of what smoothing and the straight lines between nodes move."""
-    light, smooth = fit.inverse(believed), fit.inverse(believed, 1.0)
-    errors = np.sqrt(np.maximum(np.diag(fit.covariance(believed, light)), 0.0))
-    resistances = np.where(believed.are_resistances, believed.values, 0.0)
+    light, smooth = fit.inverse(prior), fit.inverse(prior, 1.0)
+    errors = np.sqrt(np.maximum(np.diag(fit.covariance(prior, light)), 0.0))
+    resistances = np.where(prior.are_resistances, prior.values, 0.0)
     smoothed = (smooth - light) @ (fit.of_unknowns @ resistances)
     moved, is_seen = np.zeros(len(errors)), np.diag(fit.of_unknowns) > 0
-    for name, rows in believed.tables_of_names.items():
+    for name, rows in prior.tables_of_names.items():
         seen = np.arange(rows.start, rows.stop)[is_seen[rows]]
         if name.startswith("R") and len(seen):
-            nodes = np.array([soc for _, soc in believed.names])[seen].astype(float)
-            sag = sag_of(nodes, believed.values[seen])
+            nodes = np.array([soc for _, soc in prior.names])[seen].astype(float)
+            sag = sag_of(nodes, prior.values[seen])
             moved[seen] = np.maximum(np.abs(smoothed[seen]), np.abs(smoothed[seen] - sag))
-    halves = (HALF_95 * errors + moved / 2) / believed.units
-    return {believed.names[index]: float(halves[index]) for index in np.flatnonzero(is_seen)}
+    halves = (HALF_95 * errors + moved / 2) / prior.units
+    return {prior.names[index]: float(halves[index]) for index in np.flatnonzero(is_seen)}

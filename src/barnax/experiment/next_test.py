@@ -10,18 +10,18 @@ import numpy as np
 from ..blas import one_blas_thread
 from ..errors import InputError
 from ..results import Result
-from .belief import HELD_V, UNKNOWN_LOW_SOC, believed_of
 from .information import (
     DRIVE,
     OVERSHOT,
-    Believed,
     Columns,
     Name,
+    Prior,
     Width,
     columns_along,
     information_of,
     widths_of,
 )
+from .prior import HELD_V, UNKNOWN_LOW_SOC, prior_of
 from .protocol import (
     COARSE_S,
     INTERVAL_S,
@@ -68,7 +68,7 @@ Halves = Iterable[tuple[Name, float]]
 
 
 def design(
-    result: Result | Believed | str | Path | None = None,
+    result: Result | Prior | str | Path | None = None,
     *,
     capacity: float | None = None,
     chemistry: str | None = None,
@@ -89,12 +89,12 @@ def design(
     a drive cycle as well as is wanted, or the best of the time that is given.
 
     Args:
-        result: What is known of the cell: a result, the folder of one, or what is believed in its
+        result: What is known of the cell: a result, the folder of one, or a prior in its
             place. None: nothing but capacity and chemistry, and the test finds the OCV too. The
             records of a result count, and are to be identified with the test's, where they are
             still found.
         capacity: Capacity in Ah; by default that of the result.
-        chemistry: nmc or lfp: what is believed of a cell without a result (by default nmc), and of
+        chemistry: nmc or lfp: the prior of a cell without a result (by default nmc), and of
             one with a result its voltages, and the OCV beyond the state of charge at which the
             result knows it, if something shows where it is full. Without, the test stays in that.
         max_hours: The longest that it may take; by default 3, and no test at all, of no steps,
@@ -132,29 +132,29 @@ def design(
         raise InputError(
             "a test needs something to `want`, some blocks, and one start of its search"
         )
-    believed = believed_of(result, capacity, chemistry, temperature)
-    window_v = window_of(believed.cell, believed.typical)
+    prior = prior_of(result, capacity, chemistry, temperature)
+    window_v = window_of(prior.cell, prior.typical)
     limits = Limits(
         window_v[0] if low_voltage is None else low_voltage,
         window_v[1] if high_voltage is None else high_voltage,
-        believed.rates_c[0] if max_discharge is None else max_discharge,
-        believed.rates_c[1] if max_charge is None else max_charge,
+        prior.rates_c[0] if max_discharge is None else max_discharge,
+        prior.rates_c[1] if max_charge is None else max_charge,
         max_warming,
     )
-    low_soc, high_soc = _span(believed)
-    _check_start(believed, high_soc, limits.high_v)
+    low_soc, high_soc = _span(prior)
+    _check_start(prior, high_soc, limits.high_v)
     wanted_soc = max(WANTED_SOC[0], low_soc), min(WANTED_SOC[1], high_soc)
-    wished, wanted = wishes_of(believed, None if want == "hppc" else want, wanted_soc)
+    wished, wanted = wishes_of(prior, None if want == "hppc" else want, wanted_soc)
     random_key = jax.random.key(key)
     blocks = candidate_blocks(random_key, drive_levels()) if blocks is None else blocks
-    capacity_ah = believed.cell.capacity_ah
-    largest_a, charged_a = limits.allowed(believed, *np.clip(MIDDLE_SOC, low_soc, high_soc))
+    capacity_ah = prior.cell.capacity_ah
+    largest_a, charged_a = limits.allowed(prior, *np.clip(MIDDLE_SOC, low_soc, high_soc))
     usual = {
         "HPPC": hppc_steps(capacity_ah, largest_a, charged_a, high_soc, low_soc),
         "drive cycle": drive_steps(capacity_ah, largest_a, high_soc, low_soc),
     }
     along = {
-        name: columns_along(believed, sampled(steps, COARSE_S), high_soc, COARSE_S)
+        name: columns_along(prior, sampled(steps, COARSE_S), high_soc, COARSE_S)
         for name, steps in usual.items()
     }
     on_drive, soc = along["drive cycle"]
@@ -162,30 +162,30 @@ def design(
     drive = on_drive.T @ on_drive / len(on_drive)
 
     def left(columns: Columns, interval_s: float = INTERVAL_S) -> tuple[Width, ...]:
-        return widths_of(believed, information_of(believed, columns, interval_s), drive)
+        return widths_of(prior, information_of(prior, columns, interval_s), drive)
 
     references = tuple(
         Reference(name=name, hours=hours_of(usual[name]), widths=left(columns, COARSE_S))
         for name, (columns, _) in along.items()
     )
     if want == "hppc":
-        medians = _medians(_halves(references[0].widths), _names(believed), wanted_soc)
-        wished, wanted = wishes_of(believed, medians, wanted_soc)
+        medians = _medians(_halves(references[0].widths), _names(prior), wanted_soc)
+        wished, wanted = wishes_of(prior, medians, wanted_soc)
     choice = Choice(
-        believed, limits, tuple(blocks), wished, criterion, high_soc, low_soc,
+        prior, limits, tuple(blocks), wished, criterion, high_soc, low_soc,
         drive if DRIVE in wanted else None, wanted.get(DRIVE, 0.0),
-        _emptying(believed, limits, low_soc),
+        _emptying(prior, limits, low_soc),
     )  # fmt: skip
 
     def left_by(steps: Sequence[Step]) -> tuple[Width, ...]:
-        return left(columns_along(believed, sampled(steps), high_soc)[0])
+        return left(columns_along(prior, sampled(steps), high_soc)[0])
 
     def reaches(steps: Sequence[Step]) -> bool:
         halves = inside(_halves(left_by(steps)), wanted_soc)
         return all(_are_enough(name, halves[name], half) for name, half in wanted.items())
 
-    before = widths_of(believed, drive=drive)
-    already = _already(believed, _halves(before), wanted, wanted_soc)
+    before = widths_of(prior, drive=drive)
+    already = _already(prior, _halves(before), wanted, wanted_soc)
     is_needed = len(already) < len(wanted)
     plan, is_reached, longer, needed = None, True, None, None
     if is_asked or is_needed:
@@ -210,34 +210,34 @@ def design(
         references=references,
         predicted=Predicted.none() if plan is None else plan.predicted,
         initial_soc=high_soc,
-        start_v=believed.start_v,
+        start_v=prior.start_v,
         wanted_soc=wanted_soc,
         hours_searched=longer,
         hours_needed=needed,
-        finds_ocv=believed.finds_ocv,
-        earlier=tuple(record.name for record in believed.earlier),
-        untold=believed.untold,
-        error=believed.error,
+        finds_ocv=prior.finds_ocv,
+        earlier=tuple(record.name for record in prior.earlier),
+        untold=prior.untold,
+        error=prior.error,
         already=already,
-        printed=_medians(believed.printed.items(), wanted, wanted_soc),
-        beyond=believed.beyond,
-        follows=believed.follows,
+        printed=_medians(prior.printed.items(), wanted, wanted_soc),
+        beyond=prior.beyond,
+        follows=prior.follows,
         key=key,
     )
 
 
-def _span(believed: Believed) -> Span:
+def _span(prior: Prior) -> Span:
     """The lowest and the highest state of charge of a test: those at which the OCV is known, less
     what pieces and an unsure start may take the cell below.
 
     Raises `InputError` where that leaves too little.
     """
-    low_soc, high_soc = believed.planned_soc
-    usual_soc = UNKNOWN_LOW_SOC if believed.finds_ocv else LOW_SOC
-    end_soc = max(usual_soc, low_soc + OVERSHOT + believed.start_reach_soc)
+    low_soc, high_soc = prior.planned_soc
+    usual_soc = UNKNOWN_LOW_SOC if prior.finds_ocv else LOW_SOC
+    end_soc = max(usual_soc, low_soc + OVERSHOT + prior.start_reach_soc)
     if high_soc - end_soc < LEAST_SPAN_SOC:
         whole = "with `chemistry` nmc or lfp it goes from full to empty, with a typical OCV beyond"
-        if believed.start_v is not None:
+        if prior.start_v is not None:
             whole = "identify again with a longer record, or with `initial_soc` and `capacity`"
         raise InputError(
             f"the result knows the OCV from {100 * low_soc:.0f} to {100 * high_soc:.0f} % SOC, too "
@@ -246,20 +246,20 @@ def _span(believed: Believed) -> Span:
     return end_soc, high_soc
 
 
-def _check_start(believed: Believed, high_soc: float, high_v: float) -> None:
+def _check_start(prior: Prior, high_soc: float, high_v: float) -> None:
     """Raise `InputError` where the OCV at the start of a test is above its highest voltage."""
     at = np.array([high_soc])
     # A charge that is held at a voltage ends there, however unsure the OCV is.
-    is_held = high_soc == 1 or believed.start_v is not None
-    start_v = float((believed.ocv_v(at) if is_held else believed.ocv_end_v(at, 1))[0])
+    is_held = high_soc == 1 or prior.start_v is not None
+    start_v = float((prior.ocv_v(at) if is_held else prior.ocv_end_v(at, 1))[0])
     if start_v <= high_v + HELD_V * is_held:
         return
-    if high_soc == 1 and believed.typical:
+    if high_soc == 1 and prior.typical:
         soc = np.linspace(0.0, 1.0, 1001)
-        reached = 100 * float(soc[believed.ocv_v(soc) <= high_v].max(initial=0.0))
+        reached = 100 * float(soc[prior.ocv_v(soc) <= high_v].max(initial=0.0))
         raise InputError(
             f"`high_voltage` {high_v:g} V: the test starts full, which in a typical "
-            f"{believed.typical.upper()} cell is an OCV of {start_v:.3f} V; {high_v:g} V is "
+            f"{prior.typical.upper()} cell is an OCV of {start_v:.3f} V; {high_v:g} V is "
             f"reached at {reached:.3g} % SOC. Give at least {start_v:.3f} V if the cell's data "
             "sheet allows, or the result of a record that starts where you charge to"
         )
@@ -270,35 +270,35 @@ def _check_start(believed: Believed, high_soc: float, high_v: float) -> None:
     )
 
 
-def _names(believed: Believed) -> list[str]:
+def _names(prior: Prior) -> list[str]:
     """The names that can be wished."""
-    names = dict.fromkeys(map(short, believed.tables_of_names))
-    if not believed.finds_ocv:
+    names = dict.fromkeys(map(short, prior.tables_of_names))
+    if not prior.finds_ocv:
         names.pop("OCV")
     return [*names, DRIVE]
 
 
 def wishes_of(
-    believed: Believed, want: Mapping[str, float] | None, wanted_soc: Span
+    prior: Prior, want: Mapping[str, float] | None, wanted_soc: Span
 ) -> tuple[dict[int, float], dict[str, float]]:
     """The wishes by the place of an unknown, and by table.
 
     Raises `InputError` for what the test cannot find.
     """
-    names = _names(believed)
+    names = _names(prior)
     for name, half in (want or {}).items():
         if name not in names:
             raise InputError(f"`want` {name!r}: the test can narrow {', '.join(names)}")
         if not 0 < half < 1:
             raise InputError(f"`want` {name}={half:g} must be above 0, and under 1 (100 % or 1 V)")
-    usual = {**WANTED, DRIVE: WANTED_ON_DRIVE * believed.error.rmse_v}
+    usual = {**WANTED, DRIVE: WANTED_ON_DRIVE * prior.error.rmse_v}
     wanted = {name: usual.get(name, WANTED["R2"]) for name in names} if want is None else dict(want)
     wished = {
         index: wanted[short(name)]
-        for index, (name, soc) in enumerate(believed.names)
+        for index, (name, soc) in enumerate(prior.names)
         if is_within(soc, wanted_soc) and short(name) in wanted
     }
-    reached = {DRIVE, *(short(believed.names[index][0]) for index in wished)}
+    reached = {DRIVE, *(short(prior.names[index][0]) for index in wished)}
     if lacking := [name for name in wanted if name not in reached]:
         low, high = (100 * soc for soc in wanted_soc)
         raise InputError(
@@ -308,12 +308,12 @@ def wishes_of(
     return wished, wanted
 
 
-def _emptying(believed: Believed, limits: Limits, low_soc: float) -> tuple[Step, ...]:
+def _emptying(prior: Prior, limits: Limits, low_soc: float) -> tuple[Step, ...]:
     """The steps that show the lower end of an unknown OCV, where the test comes near that."""
-    is_near = low_soc <= UNKNOWN_LOW_SOC and believed.start_v is None
-    if not (believed.finds_ocv and is_near):
+    is_near = low_soc <= UNKNOWN_LOW_SOC and prior.start_v is None
+    if not (prior.finds_ocv and is_near):
         return ()
-    capacity_ah, rest = believed.cell.capacity_ah, Step("last rest", LAST_REST_S, 0.0)
+    capacity_ah, rest = prior.cell.capacity_ah, Step("last rest", LAST_REST_S, 0.0)
     rates_a, _ = limits.rates_a(capacity_ah, np.linspace(0.0, low_soc, 11))
     rate_a = min(EMPTYING_C * capacity_ah, float(np.min(rates_a)))
     return (move("to empty", low_soc * capacity_ah, rate_a), rest) if rate_a > 0 else (rest,)
@@ -328,13 +328,13 @@ def _are_enough(name: str, halves: Iterable[float], wanted: float) -> bool:
 
 
 def _already(
-    believed: Believed, before: Halves, wanted: Mapping[str, float], wanted_soc: Span
+    prior: Prior, before: Halves, wanted: Mapping[str, float], wanted_soc: Span
 ) -> tuple[str, ...]:
     """What the earlier records tell as well as is wanted wherever it is wanted, as a design counts
     them and by the standard errors of their own fit."""
-    counted = ((name, max(half, believed.half_widths.get(name, 0.0))) for name, half in before)
+    counted = ((name, max(half, prior.half_widths.get(name, 0.0))) for name, half in before)
     halves = inside(counted, wanted_soc)
-    nodes = inside(((name, 0.0) for name in (*believed.names, (DRIVE, None))), wanted_soc)
+    nodes = inside(((name, 0.0) for name in (*prior.names, (DRIVE, None))), wanted_soc)
     whole = [name for name in wanted if len(halves[name]) == len(nodes[name])]
     return tuple(name for name in whole if _are_enough(name, halves[name], wanted[name]))
 

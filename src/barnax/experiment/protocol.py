@@ -13,7 +13,7 @@ from ..bundled import bundled_file
 from ..cell import CellModel
 from ..errors import InputError
 from ..records import read_record
-from .information import NEARLY_SOC, Believed, Samples, Soc, lagged, soc_along
+from .information import NEARLY_SOC, Prior, Samples, Soc, lagged, soc_along
 
 INTERVAL_S = 1.0
 # Drawn voltages are within this of the predicted ones.
@@ -106,15 +106,15 @@ class Limits:
         )
         return discharge_c * capacity_ah, charge_c * capacity_ah
 
-    def allowed(self, believed: Believed, high_soc: float, low_soc: float) -> tuple[float, float]:
+    def allowed(self, prior: Prior, high_soc: float, low_soc: float) -> tuple[float, float]:
         """The largest discharge and charge in A between two states of charge, where resistances are
         as large as they may be."""
         soc = np.linspace(low_soc, high_soc, 5)
-        tables, capacity_ah = believed.tables, believed.cell.capacity_ah
+        tables, capacity_ah = prior.tables, prior.cell.capacity_ah
         total = np.sum([tables.at(n, soc) for n in tables.tables if n.startswith("R")], axis=0)
-        worst = total * np.interp(soc, tables.nodes, believed.worst)
-        down = np.min((believed.ocv_end_v(soc, -1) - self.low_v - self.margin_v) / worst)
-        up = np.min((self.high_v - self.margin_v - believed.ocv_end_v(soc, 1)) / worst)
+        worst = total * np.interp(soc, tables.nodes, prior.worst)
+        down = np.min((prior.ocv_end_v(soc, -1) - self.low_v - self.margin_v) / worst)
+        up = np.min((self.high_v - self.margin_v - prior.ocv_end_v(soc, 1)) / worst)
         near = np.linspace(low_soc - self.beyond_soc, high_soc + self.beyond_soc, 21)
         rates = map(np.min, self.rates_a(capacity_ah, near))
         discharge_a, charge_a = (
@@ -122,7 +122,7 @@ class Limits:
             for limit, rate in zip((down, up), rates, strict=True)
         )
         # A cell that is full, or as full as its OCV is known, cannot be charged.
-        is_full = high_soc + self.beyond_soc >= believed.planned_soc[1] - NEARLY_SOC
+        is_full = high_soc + self.beyond_soc >= prior.planned_soc[1] - NEARLY_SOC
         return discharge_a, charge_a * (not is_full)
 
 
@@ -162,17 +162,17 @@ def sampled(steps: Sequence[Step], interval_s: float = INTERVAL_S) -> Samples:
 
 
 def voltage_along(
-    believed: Believed, current_a: Samples, soc: float, worst: int = 0
+    prior: Prior, current_a: Samples, soc: float, worst: int = 0
 ) -> tuple[Samples, Samples]:
-    """The voltage and the state of charge that are believed to follow out of a rest; with `worst`
+    """The voltage and the state of charge that the prior predicts out of a rest; with `worst`
     the lowest (-1) or highest (+1) where every resistance is as large as it may be."""
-    along, tables = soc_along(believed, current_a, soc), believed.tables
-    factor = np.interp(along, tables.nodes, believed.worst) if worst else np.ones(len(along))
+    along, tables = soc_along(prior, current_a, soc), prior.tables
+    factor = np.interp(along, tables.nodes, prior.worst) if worst else np.ones(len(along))
     names = [name for name in tables.tables if name.startswith("R")]
     first, *drops = [tables.at(name, along) * factor * current_a for name in names]
     total = sum(map(lagged, drops, tables.tau_s), first)
-    half_gap_v = believed.cell.branch_gap_v(along) / 2 if worst else 0.0
-    ocv_v = believed.ocv_end_v(along, worst) if worst else believed.ocv_v(along)
+    half_gap_v = prior.cell.branch_gap_v(along) / 2 if worst else 0.0
+    ocv_v = prior.ocv_end_v(along, worst) if worst else prior.ocv_v(along)
     return ocv_v + worst * half_gap_v - total, along
 
 
@@ -187,10 +187,10 @@ def bends(voltages_v: np.ndarray, start: int, last: int) -> list[int]:
     return [*bends(voltages_v, start, bend), *bends(voltages_v, bend, last)[1:]]
 
 
-def warming_of(believed: Believed, current_a: Samples, voltage_v: Samples, soc: Samples) -> float:
-    """The largest predicted rise of the temperature in K, by that prior of the voltage."""
-    heat_w = current_a * (believed.ocv_v(soc) - voltage_v)
-    capacity_ah = believed.cell.capacity_ah
+def warming_of(prior: Prior, current_a: Samples, voltage_v: Samples, soc: Samples) -> float:
+    """The largest predicted rise of the temperature in K, where the voltage is so."""
+    heat_w = current_a * (prior.ocv_v(soc) - voltage_v)
+    capacity_ah = prior.cell.capacity_ah
     times = (capacity_ah / WARMING_AH) ** (1 / 3)
     lagging_w = lagged(heat_w, times * WARMING_S, INTERVAL_S)
     return float(np.max(lagging_w)) * times * WARMING_K / capacity_ah

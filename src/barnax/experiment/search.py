@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..errors import InputError
-from .information import HALF_95, OVERSHOT, Believed, Normal, columns_along, information_of
+from .information import HALF_95, OVERSHOT, Normal, Prior, columns_along, information_of
 from .protocol import INTERVAL_S, Block, Limits, Step, move, sampled, voltage_along, warming_of
 from .stored import Predicted
 
@@ -139,7 +139,7 @@ class Choice:
     `drive_v`. `last` are steps that end every test; one that discharges takes what charge is left.
     """
 
-    believed: Believed
+    prior: Prior
     limits: Limits
     blocks: Sequence[Block]
     wished: Mapping[int, float]
@@ -157,13 +157,13 @@ class Choice:
     @cached_property
     def _allowed(self) -> Callable[[float, float], tuple[float, float]]:
         """`Limits.allowed`, of stretches that come again and again."""
-        return cache(partial(self.limits.allowed, self.believed))
+        return cache(partial(self.limits.allowed, self.prior))
 
     def steps(self, pattern: Pattern, hours: float) -> list[Step] | None:
         """The whole test; None where it takes longer, or blocks too much charge."""
-        capacity_ah = self.believed.cell.capacity_ah
+        capacity_ah = self.prior.cell.capacity_ah
         # Where pieces dipped under the lowest state of charge that is known, it ends higher.
-        is_held = bool(self.last) or self.believed.planned_soc[0] > 0
+        is_held = bool(self.last) or self.prior.planned_soc[0] > 0
         end_soc = self.low_soc + self.limits.beyond_soc * is_held
         ends = np.linspace(self.high_soc, end_soc, pattern.stretches + 1).tolist()
         stretches, taken_ah = [], 0.0
@@ -202,21 +202,19 @@ class Choice:
 
     def ratios(self, steps: Sequence[Step]) -> Float[np.ndarray, "wishes"]:
         """Every wished value's width over the wished one, as a whole test is predicted."""
-        fastest_s = SHARE_OF_TAU * self.believed.tables.tau_s[0]
+        fastest_s = SHARE_OF_TAU * self.prior.tables.tau_s[0]
         interval_s = min(max(fastest_s, FINEST_S), COARSEST_S)
         current_a = sampled(steps, interval_s)
-        columns, _ = columns_along(self.believed, current_a, self.high_soc, interval_s)
-        whole = (
-            information_of(self.believed, columns, interval_s) + self.believed.information_before
-        )
-        inverse = whole.inverse(self.believed)
+        columns, _ = columns_along(self.prior, current_a, self.high_soc, interval_s)
+        whole = information_of(self.prior, columns, interval_s) + self.prior.information_before
+        inverse = whole.inverse(self.prior)
         unknowns, halves = [*self.wished], np.array([*self.wished.values()])
-        variance = np.diag(whole.covariance(self.believed, inverse))[unknowns]
-        wished = halves * self.believed.units[unknowns]
+        variance = np.diag(whole.covariance(self.prior, inverse))[unknowns]
+        wished = halves * self.prior.units[unknowns]
         widths = HALF_95 * np.sqrt(np.maximum(variance, 0.0)) / wished
         if self.drive is None:
             return widths
-        on_drive = whole.left_on(self.believed, inverse, self.drive) / self.drive_v
+        on_drive = whole.left_on(self.prior, inverse, self.drive) / self.drive_v
         return np.append(widths, [on_drive] * max(1, len(widths)))
 
     def searched(
@@ -364,9 +362,9 @@ def _least_hours(choice: Choice, patterns: Sequence[Pattern]) -> float:
 def _simulated(choice: Choice, steps: Sequence[Step]) -> tuple[Predicted, Limits]:
     """The test as it goes, and the limits of the choice, tightened where its worst case leaves a
     voltage, warms too much, or has a current over what is named for its state of charge."""
-    believed, limits, current_a = choice.believed, choice.limits, sampled(steps)
+    prior, limits, current_a = choice.prior, choice.limits, sampled(steps)
     (voltage_v, soc), (low_v, _), (high_v, _) = (
-        voltage_along(believed, current_a, choice.high_soc, worst) for worst in (0, -1, 1)
+        voltage_along(prior, current_a, choice.high_soc, worst) for worst in (0, -1, 1)
     )
     loaded = steps[: len(steps) - len(choice.last)]
     counts = np.arange(len(current_a)) <= sum(round(s.duration_s / INTERVAL_S) for s in loaded)
@@ -376,21 +374,21 @@ def _simulated(choice: Choice, steps: Sequence[Step]) -> tuple[Predicted, Limits
     beyond_v = float(np.max([under_v, over_v]))
     if beyond_v > 0:
         limits = replace(limits, margin_v=limits.margin_v + beyond_v + 1e-3)
-    low_soc, high_soc = believed.planned_soc
+    low_soc, high_soc = prior.planned_soc
     low_soc = choice.low_soc - ROUNDED_SOC if choice.last else low_soc
     is_outside = counts & ((soc < low_soc) | (soc > high_soc + 1e-9))
-    discharge_a, charge_a = limits.rates_a(believed.cell.capacity_ah, soc)
+    discharge_a, charge_a = limits.rates_a(prior.cell.capacity_ah, soc)
     # A current holds until the next sample, by when its limit may have passed it a little.
     is_above = (current_a > ROUNDED * discharge_a) | (-current_a > ROUNDED * charge_a)
     for is_beyond in (is_outside, is_above):
         if np.any(is_beyond):
             limits = replace(limits, beyond_soc=max(LEAST_BEYOND, 2 * limits.beyond_soc))
-    worst_k = warming_of(believed, current_a, np.where(current_a > 0, low_v, high_v), soc)
+    worst_k = warming_of(prior, current_a, np.where(current_a > 0, low_v, high_v), soc)
     if limits.warming_k is not None and worst_k > limits.warming_k:
         share = LESS_WARM * math.sqrt(limits.warming_k / worst_k)
         limits = replace(limits, share=limits.share * share)
     predicted = Predicted.of(
-        steps, warming_of(believed, current_a, voltage_v, soc),
+        steps, warming_of(prior, current_a, voltage_v, soc),
         current_a=current_a, voltage_v=voltage_v, low_v=low_v, high_v=high_v, soc=soc,
     )  # fmt: skip
     return predicted, limits

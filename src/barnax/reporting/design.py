@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..experiment.belief import UNKNOWN_LOW_SOC
 from ..experiment.information import DRIVE
+from ..experiment.prior import UNKNOWN_LOW_SOC
 from ..experiment.protocol import LOW_SOC
 from ..experiment.stored import followed, halves_of, is_enough
 from .design_forms import EMPTYING
@@ -17,7 +17,7 @@ from .words import figures, joined, millivolt, symbol, with_unit
 
 if TYPE_CHECKING:
     from ..experiment import Design
-    from ..experiment.information import Believed, Width
+    from ..experiment.information import Prior, Width
     from ..over_soc.fit import TableFit
     from ..results import Result
 
@@ -34,12 +34,12 @@ FIRST_PIECES, LAST_PIECES = 8, 2
 AGREES = 0.25
 
 
-def planned_screen(believed: "Believed", chosen: Sequence[str] = ()) -> Document:
+def planned_screen(prior: "Prior", chosen: Sequence[str] = ()) -> Document:
     """The assumptions that a test is planned on: the capacity, the SOC that it stays in, the
     largest currents that are not among the options `chosen`, and records that do not count."""
-    is_usual = believed.rates_c == type(believed).rates_c
+    is_usual = prior.rates_c == type(prior).rates_c
     least_soc = {"known": LOW_SOC, "unknown": UNKNOWN_LOW_SOC}
-    return screen([Lines(sentences("design.plan", believed, chosen, is_usual, least_soc))])
+    return screen([Lines(sentences("design.plan", prior, chosen, is_usual, least_soc))])
 
 
 def design_screen(design: "Design") -> Document:

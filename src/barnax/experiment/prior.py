@@ -1,4 +1,4 @@
-"""Beliefs about a cell before its next test: by a result, or by its chemistry alone."""
+"""The prior of a cell before its next test: of a result, or of its chemistry alone."""
 
 import math
 from collections.abc import Sequence
@@ -33,10 +33,10 @@ from ..uncertainty.noise import fit_noise
 from .information import (
     NEARLY_SOC,
     OVERSHOT,
-    Believed,
     Columns,
     Error,
     Name,
+    Prior,
     Seconds,
     columns_along,
 )
@@ -69,13 +69,13 @@ UNKNOWN_LOW_SOC = 0.1
 LEAST_WORST, LEAST_OCV_V = 1.15, 5e-3
 
 
-def believed_of(
-    before: Result | Believed | str | Path | None,
+def prior_of(
+    before: Result | Prior | str | Path | None,
     capacity_ah: float | None,
     chemistry: str | None = None,
     temperature_degc: float | None = None,
-) -> Believed:
-    """The belief about a cell of a result, of the folder of one, or of capacity and chemistry; with
+) -> Prior:
+    """The prior of a cell of a result, of the folder of one, or of capacity and chemistry; with
     both, beyond the SOC at which a result knows the OCV it goes on as the chemistry's.
 
     Raises `InputError` for what is no capacity, where nothing tells it, and as those below do.
@@ -92,58 +92,58 @@ def believed_of(
                 "a result over temperature, or leave it out and set `max_discharge`, `max_charge` "
                 "and `low_voltage` for the cold cell yourself"
             )
-        return believed_of_chemistry(chemistry or "nmc", capacity_ah)
+        return prior_of_chemistry(chemistry or "nmc", capacity_ah)
     if isinstance(before, str | Path):
         before = Result.load(before)
-    is_believed = isinstance(before, Believed)
-    believed = before if is_believed else believed_of_result(before, temperature_degc)
+    is_prior = isinstance(before, Prior)
+    prior = before if is_prior else prior_of_result(before, temperature_degc)
     if capacity_ah is not None:
         # The largest currents are those of the records.
-        share = believed.cell.capacity_ah / capacity_ah
-        if believed.cell.is_of_records and abs(share - 1) > CAPACITY_WARNING:
+        share = prior.cell.capacity_ah / capacity_ah
+        if prior.cell.is_of_records and abs(share - 1) > CAPACITY_WARNING:
             raise InputError(
                 f"`capacity` {capacity_ah:g} Ah: the OCV was identified over "
-                f"{believed.cell.capacity_ah:.4g} Ah ({believed.cell.capacity_origin}), and would "
+                f"{prior.cell.capacity_ah:.4g} Ah ({prior.cell.capacity_origin}), and would "
                 "be stretched; identify again with `capacity`, and with `initial_soc` where the "
                 "record does not start full"
             )
-        cell = replace(believed.cell, capacity_ah=capacity_ah, capacity_origin=GIVEN)
-        discharge_c, charge_c = believed.rates_c
-        believed = replace(believed, cell=cell, rates_c=(share * discharge_c, share * charge_c))
-    if chemistry is None or chemistry == believed.typical:
-        return believed
-    return _going_on(believed, chemistry)
+        cell = replace(prior.cell, capacity_ah=capacity_ah, capacity_origin=GIVEN)
+        discharge_c, charge_c = prior.rates_c
+        prior = replace(prior, cell=cell, rates_c=(share * discharge_c, share * charge_c))
+    if chemistry is None or chemistry == prior.typical:
+        return prior
+    return _going_on(prior, chemistry)
 
 
-def _going_on(believed: Believed, chemistry: str) -> Believed:
+def _going_on(prior: Prior, chemistry: str) -> Prior:
     """The same cell whose OCV goes on as a chemistry's beyond where it is told: joined to it, and
     the chemistry's own where the cell is full and empty.
 
     Raises `InputError` where nothing shows what is full, and where both are far from each other.
     """
-    typical, (low, high) = _typical_cell(chemistry), believed.ocv_soc
-    if believed.start_v is not None:
+    typical, (low, high) = _typical_cell(chemistry), prior.ocv_soc
+    if prior.start_v is not None:
         raise InputError(
             f"`chemistry` {chemistry}: nothing shows where the cell is full, so no typical OCV can "
             "be joined; leave it out for a test within the record's state of charge, or identify "
             "again with `initial_soc` (1 for a record that starts full) and `capacity`"
         )
     ends = np.array([low, high])
-    apart_v = typical.average_ocv_v(ends) - believed.ocv_v(ends)
+    apart_v = typical.average_ocv_v(ends) - prior.ocv_v(ends)
     # Near empty any two cells differ, but none is above its highest voltage.
-    is_above = believed.ocv_v(ends) > window_of(believed.cell, chemistry)[1] + HELD_V
+    is_above = prior.ocv_v(ends) > window_of(prior.cell, chemistry)[1] + HELD_V
     is_other = is_above | (ends > COMPARED_FROM_SOC) & (np.abs(apart_v) > MOST_APART_V)
     if is_other.any():
         index = int(np.argmax(np.abs(apart_v) * is_other))
         raise InputError(
             f"`chemistry` {chemistry}: at {100 * ends[index]:.0f} % SOC such a cell has about "
             f"{typical.average_ocv_v(ends)[index]:.2f} V, and this one "
-            f"{believed.ocv_v(ends)[index]:.2f} V; give another `chemistry` or none, or identify "
+            f"{prior.ocv_v(ends)[index]:.2f} V; give another `chemistry` or none, or identify "
             "again with another `capacity` or `initial_soc`"
         )
-    believed = replace(believed, typical=chemistry, typical_reach_v=UNKNOWN_OCV_V[chemistry])
-    if believed.ocv_soc == (0.0, 1.0):
-        return believed
+    prior = replace(prior, typical=chemistry, typical_reach_v=UNKNOWN_OCV_V[chemistry])
+    if prior.ocv_soc == (0.0, 1.0):
+        return prior
     soc = np.linspace(0.0, 1.0, MIXED_POINTS)
     at = np.clip(soc, low, high)
     more_v = typical.average_ocv_v(soc) - typical.average_ocv_v(at)
@@ -152,12 +152,12 @@ def _going_on(believed: Believed, chemistry: str) -> Believed:
     )
     charge, discharge = (
         InterpolatedCurve.fit(soc, np.maximum.accumulate(branch(at) + more_v))
-        for branch in (believed.cell.charge, believed.cell.discharge)
+        for branch in (prior.cell.charge, prior.cell.discharge)
     )
-    return replace(believed, cell=replace(believed.cell, charge=charge, discharge=discharge))
+    return replace(prior, cell=replace(prior.cell, charge=charge, discharge=discharge))
 
 
-def believed_of_chemistry(chemistry: str, capacity_ah: float) -> Believed:
+def prior_of_chemistry(chemistry: str, capacity_ah: float) -> Prior:
     """A typical cell, of which no record exists: the test has to find its OCV too.
 
     Raises `InputError` for an unknown chemistry.
@@ -169,7 +169,7 @@ def believed_of_chemistry(chemistry: str, capacity_ah: float) -> Believed:
         tuple((ohm / capacity_ah * (1 + more * rise)).tolist())
         for ohm, more in zip(TYPICAL_OHM, EMPTY, strict=True)
     )
-    return Believed(
+    return Prior(
         cell=cell,
         tables=CircuitParameters.over_soc(NODES, TYPICAL_TAU_S, r0, tuple(r)),
         worst=np.full(len(NODES), UNKNOWN),
@@ -185,11 +185,11 @@ def _typical_cell(chemistry: str) -> CellModel:
     """The bundled cell of a chemistry. Raises `InputError` for an unknown one."""
     require_choice("chemistry", chemistry, get_args(Chemistry))
     prefix = "" if chemistry == "nmc" else "lfp_"
-    tests = [read_record(bundled_file(f"{prefix}ocv_{way}")) for way in ("charge", "discharge")]
+    tests = [read_record(bundled_file(f"{prefix}ocv_{side}")) for side in ("charge", "discharge")]
     return characterize(tests, ocv_fit="interpolated")
 
 
-def believed_of_result(result: Result, temperature_degc: float | None = None) -> Believed:
+def prior_of_result(result: Result, temperature_degc: float | None = None) -> Prior:
     """The cell of a result, with what its records tell at that temperature: nothing of intervals
     where none was measured.
 
@@ -223,11 +223,11 @@ def believed_of_result(result: Result, temperature_degc: float | None = None) ->
         )
     if result.tables is not None and result.over != "ocv":
         fit = replace(result.fit, intervals=intervals)
-        believed = believed_of_fit(fit, result.tables.settings, cell, rmse_v)
+        prior = prior_of_fit(fit, result.tables.settings, cell, rmse_v)
     else:
         circuit = result.circuit_parameters
         r0_ohm, *r_ohm = np.repeat(circuit.ohm, len(NODES), axis=1)
-        believed = Believed(
+        prior = Prior(
             cell=cell,
             tables=CircuitParameters.over_soc(NODES, circuit.tau_s, r0_ohm, r_ohm),
             worst=np.full(len(NODES), UNKNOWN),
@@ -235,18 +235,18 @@ def believed_of_result(result: Result, temperature_degc: float | None = None) ->
             settings=with_fitted_ocv(TableSettings()) if cell.is_of_records else TableSettings(),
             ocv_reach_v=LEAST_OCV_V,
         )
-    believed = counting(believed, earlier)
+    prior = counting(prior, earlier)
     largest_c = max((part.peak_current_a or 0.0 for part in parts), default=0.0) / cell.capacity_ah
-    rates_c = (largest_c, largest_c / 2) if largest_c else believed.rates_c
+    rates_c = (largest_c, largest_c / 2) if largest_c else prior.rates_c
     taus = tuple(bound for bound in result.at_bound if bound.name.startswith("tau"))
     used = [one.prepared for one in earlier]
     is_open = result.tables is not None and result.tables.hold_shift_ohm is not None
-    believed = replace(
-        believed, rates_c=rates_c, untold=untold, ocv_soc=_ocv_range(cell), at_bound=taus,
+    prior = replace(
+        prior, rates_c=rates_c, untold=untold, ocv_soc=_ocv_range(cell), at_bound=taus,
         beyond=("hold",) * is_open + ("pair",) * bool(used and least_r0_share(used) < 1),
     )  # fmt: skip
     is_fitted_ocv = cell.is_of_records and any(part.start_source == "own span" for part in parts)
-    return _started_by_voltage(believed) if is_fitted_ocv else believed
+    return _started_by_voltage(prior) if is_fitted_ocv else prior
 
 
 def _ocv_range(cell: CellModel) -> tuple[float, float]:
@@ -258,14 +258,14 @@ def _ocv_range(cell: CellModel) -> tuple[float, float]:
     return 0.0 if low <= nearly_empty else low, high
 
 
-def _started_by_voltage(believed: Believed) -> Believed:
+def _started_by_voltage(prior: Prior) -> Prior:
     """The same where full is no more than the fullest point of a record: what brings a cell there
     is its OCV.
 
     Raises `InputError` where that is too flat.
     """
-    top = believed.ocv_soc[1]
-    below_v, top_v = believed.ocv_v(np.array([top - TOP_SOC, top])).tolist()
+    top = prior.ocv_soc[1]
+    below_v, top_v = prior.ocv_v(np.array([top - TOP_SOC, top])).tolist()
     off_soc = HELD_V / max((top_v - below_v) / TOP_SOC, 1e-9)
     if off_soc > TOP_SOC:
         raise InputError(
@@ -274,12 +274,10 @@ def _started_by_voltage(believed: Believed) -> Believed:
             "with `initial_soc` (1 for a record that starts full) and `capacity`, or design a test "
             "from `capacity` and `chemistry` alone"
         )
-    return replace(believed, start_v=top_v, start_reach_soc=off_soc)
+    return replace(prior, start_v=top_v, start_reach_soc=off_soc)
 
 
-def believed_of_fit(
-    fit: TableFit, settings: TableSettings, cell: CellModel, rmse_v: float
-) -> Believed:
+def prior_of_fit(fit: TableFit, settings: TableSettings, cell: CellModel, rmse_v: float) -> Prior:
     """The cell of tables that were fitted with these settings and left such an RMSE."""
     half_widths, printed = dict[Name, float](), dict[Name, float]()
     for one in fit.intervals:
@@ -289,7 +287,7 @@ def believed_of_fit(
     tables = fit.tables.without(HALF_HYSTERESIS)
     ohm = np.maximum(tables.ohm, LEAST_OHM)
     tables = tables.with_tables(dict(zip(tables.resistances, ohm, strict=True)))
-    return Believed(
+    return Prior(
         cell=cell,
         tables=replace(tables, scales=fit.tables.named_tau_s, dependence=None),
         worst=_worst(fit, fit.tables.nodes),
@@ -302,12 +300,12 @@ def believed_of_fit(
     )
 
 
-def counting(believed: Believed, earlier: Sequence[Evaluation]) -> Believed:
+def counting(prior: Prior, earlier: Sequence[Evaluation]) -> Prior:
     """The same with records that are identified with the test's, and the error that they show."""
     if not earlier:
-        return believed
+        return prior
     seconds = [by_second(evaluated.prepared) for evaluated in earlier]
-    return replace(believed, earlier=seconds, error=error_of(believed, earlier))
+    return replace(prior, earlier=seconds, error=error_of(prior, earlier))
 
 
 def typical_error(rmse_v: float) -> Error:
@@ -341,7 +339,7 @@ def _second(prepared: PreparedRecord) -> np.ndarray:
     return np.floor(prepared.time_s - prepared.time_s[0] + 1e-6).astype(int)
 
 
-def error_of(believed: Believed, earlier: Sequence[Evaluation]) -> Error:
+def error_of(prior: Prior, earlier: Sequence[Evaluation]) -> Error:
     """The error of a fit with these tables as its residuals on its records show it: how much of it
     is noise, and how much comes of a cell that is more than its circuit.
 
@@ -350,7 +348,7 @@ def error_of(believed: Believed, earlier: Sequence[Evaluation]) -> Error:
     that is which the circuit leaves out.
     """
     errors, stacked, times, clock_s = [], [], [], 0.0
-    usual = replace(believed, error=replace(believed.error, left_out=1.0))
+    usual = replace(prior, error=replace(prior.error, left_out=1.0))
     longest_s = max(evaluated.prepared.scored_duration_s for evaluated in earlier)
     for evaluated in earlier:
         seconds, scored = by_second(evaluated.prepared), evaluated.prepared.scored
@@ -368,7 +366,7 @@ def error_of(believed: Believed, earlier: Sequence[Evaluation]) -> Error:
         clock_s = times[-1][-1] + longest_s + 2
     columns, time_s = np.concatenate(stacked), np.concatenate(times)
     clock = time_s, longest_s, MAX_SLOTS
-    followed, left_out = np.split(columns, [len(believed.names)], axis=1)
+    followed, left_out = np.split(columns, [len(prior.names)], axis=1)
     basis = _basis(followed)
     # What bounds and smoothing kept a fit from following is left too.
     error_v, left_out = np.concatenate(errors), _without(left_out, basis)

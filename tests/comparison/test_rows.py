@@ -42,8 +42,8 @@ def test_a_row_is_its_median_seeds_answer_on_every_record(comparison, validation
     assert len(errors_v) == BUDGET.seeds
     assert row.median.rmse_v == errors_v[1]
     assert row.evaluations[0].metrics.rmse_v == pytest.approx(errors_v[1], rel=1e-9)
-    own = row.evaluations[0]
-    bands = errors_by_soc(own.error_v, own.prepared.soc, own.prepared.scored)
+    first = row.evaluations[0]
+    bands = errors_by_soc(first.error_v, first.prepared.soc, first.prepared.scored)
     assert row.errors[0].bands == bands
     again = validate(validation, bundled_cell, "iso-rc", row.median.parameters, WINDOW)
     assert row.evaluations[1].metrics == again.metrics

@@ -195,7 +195,7 @@ def test_voltages_are_those_of_a_chemistry_or_the_narrower_where_no_full_cell_sh
 
 
 @pytest.mark.slow
-def test_an_answer_of_one_value_at_every_soc_is_believed_with_its_own_values():
+def test_an_answer_of_one_value_at_every_soc_is_a_prior_with_its_values():
     window = barnax.Window(initial_soc=1.0, capacity_ah=2.0)
     quick = {"model": "so-rc", "seeds": 0, "trust": "none"}
     result = barnax.identify(made()[0], window=window, **quick)

@@ -194,10 +194,10 @@ def test_a_flat_ocv_brings_no_cell_to_its_start():
 
 
 def test_a_part_of_the_charge_without_a_node_is_refused():
-    believed = believed_of(None, 2.0, "nmc")
+    prior = prior_of(None, 2.0, "nmc")
     nodes = (0.0, 0.4, 0.9, 1.0)
-    settings = replace(believed.settings, nodes=nodes)
-    coarse = replace(believed, settings=settings, ocv_soc=(0.4, 0.8), typical="")
+    settings = replace(prior.settings, nodes=nodes)
+    coarse = replace(prior, settings=settings, ocv_soc=(0.4, 0.8), typical="")
     with pytest.raises(InputError, match="`want` R0, R1, R2: no node lies from 43 to 80 % SOC"):
         barnax.design(coarse, max_hours=1.5, blocks=BLOCKS)
 

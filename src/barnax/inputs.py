@@ -69,7 +69,14 @@ class _File:
         return replace(self, content=sampled(self.content, loggers), source=source)
 
 
-def read_inputs(job: Job, without_test: Callable[[Job, list[Record]], Any] | None = None) -> Inputs:
+def require_test(job: Job, records: Sequence[Record]) -> Any:
+    """Raise `InputError` for records that have no OCV test."""
+    raise Notice("ocv-test.missing", subject=records[0].name).error()
+
+
+def read_inputs(
+    job: Job, without_test: Callable[[Job, list[Record]], Any] = require_test
+) -> Inputs:
     """Every record once, with what the checks say of it, and the cell that is given or that the OCV
     tests show; over temperature those of each by themselves. `without_test` fits the cell of
     records that have no OCV test."""
@@ -81,8 +88,6 @@ def read_inputs(job: Job, without_test: Callable[[Job, list[Record]], Any] | Non
         bundled = [*BUNDLED.ocv], [BUNDLED.record], [BUNDLED.validation]
         given = dict(zip(given, bundled, strict=True))
     is_fitted = not given["OCV test"] and job.cell is None
-    if is_fitted and without_test is None:
-        raise Notice("ocv-test.missing", subject=name_of(given["identification"][0])).error()
     with job.watch("Reading records", 0):
         named, called = file_names(itertools.chain(*given.values())), dict[str, int]()
         files = [
@@ -103,7 +108,7 @@ def read_inputs(job: Job, without_test: Callable[[Job, list[Record]], Any] | Non
         _require_different([test for test in tests if isinstance(test, Record)])
     require_records(job.lags_s, {source.name for source in sources})
     with job.watch("Characterizing the cell", 0):
-        fitted_ocv = without_test(job, records) if is_fitted and without_test else None
+        fitted_ocv = without_test(job, records) if is_fitted else None
         cell = fitted_ocv.cell if fitted_ocv else job.cell or _characterized(tests, job)
     warnings = [] if is_bundled else _checked(files, cell, job.given_ah, job.window, job)
     return Inputs(records, tests, validation, cell, tuple(warnings), fitted_ocv)

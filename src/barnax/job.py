@@ -16,7 +16,7 @@ from .cell import CellModel, get_circuit
 from .display import brief
 from .errors import InputError, choices_in, require_choice, require_number
 from .execution import Watch, unwatched
-from .model.search_space import Range
+from .model.search_space import GivenRanges, Range
 from .model.window import Window, Windows
 from .over_soc.settings import TableSettings
 from .records import Given
@@ -39,7 +39,7 @@ class _Signature:
 class Job(TableOptions, CellSettings, Reading, Scope, Settings):
     """A request to `identify`, with the fields of `Settings`, `Reading` and others by name.
 
-    `chosen` has the names of the options that were given.
+    `chosen` has the options that were given, and `ranges` what is in `bounds`, read once.
 
     Args:
         records: Files, `Record`s or data frames to identify on, one or several. None: the bundled
@@ -76,6 +76,7 @@ class Job(TableOptions, CellSettings, Reading, Scope, Settings):
     settings: Settings | None = None
     reading: Reading | None = None
     tables: TableSettings | None = None
+    ranges: GivenRanges = field(init=False)
 
     def __repr__(self) -> str:
         return f"Job({', '.join(f'{name}={brief(value)}' for name, value in self.chosen.items())})"
@@ -110,6 +111,7 @@ class Job(TableOptions, CellSettings, Reading, Scope, Settings):
         for name in values["_chosen"]:
             require_value(name, values[name])
         super().__post_init__()
+        values["ranges"] = GivenRanges.of(self.bounds)
         are_chosen = self.table_settings != TableSettings()
         if are_chosen and self.over is None and self.model is not None:
             raise InputError("settings of tables need `over` 'soc'; give it too, or no `model`")

@@ -35,7 +35,16 @@ from .records import Record
 from .records.hold import sampled_as
 from .result_parts import InputPart
 from .results import Result
-from .run_setup import Setup, fit_ocv, problem_of, register_all, set_up, settled, with_joint_starts
+from .run_setup import (
+    Setup,
+    first_circuit,
+    fit_ocv,
+    problem_of,
+    register_all,
+    set_up,
+    settled,
+    with_joint_starts,
+)
 from .search.evaluate import step_warnings
 from .settings import OVER_TEMPERATURE, Settings, Trust
 
@@ -100,7 +109,8 @@ def with_ocv_test(job: Job, inputs: Inputs) -> tuple[Inputs, dict[str, Window], 
     """The inputs, windows and constant problem of records with an OCV test, which tells starts and
     capacities; where it does not, the voltages with the circuit do."""
     windows = windows_of(inputs, job.window, job.capacity)
-    given = problem_of(inputs, windows, job)
+    circuit = first_circuit(inputs, job)
+    given = problem_of(inputs, windows, job, circuit)
     records, between = _between_ends(given.cell, given.prepared_records)
     if given.is_compressible:
         # A box too wide to reduce records for is searched, not fitted to.
@@ -108,7 +118,7 @@ def with_ocv_test(job: Job, inputs: Inputs) -> tuple[Inputs, dict[str, Window], 
     moved = windows | {one.record.name: one.window for one in records}
     inputs = _as_counted(inputs, windows, moved)
     inputs = replace(inputs, warnings=(*inputs.warnings, *between))
-    first = settled(given if moved == windows else problem_of(inputs, moved, job))
+    first = settled(given if moved == windows else problem_of(inputs, moved, job, circuit))
     if not job.keep_starts:
         first = with_joint_starts(first)
         moved |= {one.record.name: one.window for one in first.prepared_records}
@@ -122,7 +132,8 @@ def _with_fitted_ocv(
     with another sampling of the current than their voltages show."""
     given = {**windows_by_name(job.window), **inputs.fitted_ocv.windows}
     windows = windows_of(inputs, given, job.capacity)
-    first = settled(problem_of(inputs, windows, job), inputs.fitted_ocv)
+    circuit = first_circuit(inputs, job)
+    first = settled(problem_of(inputs, windows, job, circuit), inputs.fitted_ocv)
     sampled = _as_sampled(inputs, first)
     pairs = zip(inputs.records, sampled.records, strict=True)
     if is_last or all(before.hold.value == after.hold.value for before, after in pairs):

@@ -19,7 +19,7 @@ from .inputs import Inputs
 from .job import Job, window_of
 from .model.prepared import PreparedRecord, prepare_record
 from .model.problem import Problem, make_problem, require_enough
-from .model.search_space import Range, ranges_of
+from .model.search_space import Range
 from .model.window import Window
 from .notices import Notice
 from .over_soc.fits import TableFits
@@ -91,30 +91,33 @@ def with_joint_starts(problem: Problem) -> Problem:
     return problem
 
 
+def first_circuit(inputs: Inputs, job: Job) -> str:
+    """The circuit that the population searches before another one is chosen."""
+    if inputs.fitted_ocv is not None:
+        return inputs.fitted_ocv.circuit
+    start = limits_of(inputs.cell, TableSettings()).start
+    return job.model or (CONSTANT if start == "1rc" else start)
+
+
 def problem_of(
     inputs: Inputs,
     windows: Mapping[str, Window],
     job: Job,
-    circuit: str | None = None,
+    circuit: str,
     usual: Mapping[str, Range] | None = None,
 ) -> Problem:
-    """The problem of a circuit, by default of the first that is tried, with `usual` bounds where
-    none are given; compressed where the box allows it unless the objective is chosen."""
-    if circuit is None:
-        fitted: FittedOcv | None = inputs.fitted_ocv
-        start = limits_of(inputs.cell, TableSettings()).start.replace("1rc", CONSTANT)
-        circuit = fitted.circuit if fitted else job.model or start
-    source, ranges = ranges_of(job.bounds)
+    """The problem of a circuit, with `usual` bounds where none are given; compressed where the box
+    allows it unless the objective is chosen."""
     problem = make_problem(
         inputs.records,
         inputs.cell,
         circuit,
         window=[windows[record.name] for record in inputs.records],
-        bounds={**(usual or {}), **(ranges or {})},
+        bounds={**(usual or {}), **job.ranges.by_name},
         fixed=job.fix,
         coordinates=job.coordinates,
         objective="scan" if job.objective == "auto" else job.objective,
-        source=source,
+        source=job.ranges.source,
     )
     require_enough(problem)
     is_compressed = job.objective == "auto" and problem.is_compressible
@@ -154,7 +157,7 @@ class Setup:
 def asks_for_constant(job: Job) -> bool:
     """True where a constant circuit is asked for: a model without tables, or a bounded or held
     capacitance, which tables do not have."""
-    named = *(ranges_of(job.bounds)[1] or ()), *(job.fix or ())
+    named = *job.ranges.by_name, *(job.fix or ())
     has_farads = any(name.endswith("[F]") for name in named)
     is_constant = (job.model is not None and job.over is None) or has_farads
     return is_constant and job.over != OVER_TEMPERATURE
@@ -240,12 +243,12 @@ def register_all(job: Job, records: Sequence[PreparedRecord]) -> list[PreparedRe
 def bounded_tables(job: Job, but: str | None = None) -> TableSettings:
     """Settings of tables, with the bounds and fixed values of the circuit, but those in a unit
     that tables do not have."""
-    ranges, tables = ranges_of(job.bounds)[1], job.table_settings
+    tables = job.table_settings
 
     def kept(given: Mapping[str, Any] | None) -> dict[str, Any]:
         return {name: v for name, v in (given or {}).items() if but is None or but not in name}
 
-    bounds, fixed = kept(ranges), kept(job.fix)
+    bounds, fixed = kept(job.ranges.by_name), kept(job.fix)
     return replace(tables, bounds={**bounds, **tables.bounds}, fixed={**fixed, **tables.fixed})
 
 

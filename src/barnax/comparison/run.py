@@ -22,11 +22,11 @@ from ..inputs import listed, read_inputs, windows_of
 from ..job import Job, takes_options
 from ..model.prepared import PreparedRecord, prepare_record
 from ..model.problem import Problem, applicable_to, make_problem
-from ..model.search_space import Kind, Range, Scale, ranges_of
+from ..model.search_space import Kind, Range, Scale
 from ..model.window import Window
 from ..records import Record
 from ..result_parts import InputPart, versions
-from ..run_setup import problem_of, set_up, settled
+from ..run_setup import first_circuit, problem_of, set_up, settled
 from ..search.evaluate import evaluate, evaluate_from_either
 from ..search.refine import FINAL_ROUNDS, FINAL_TOLERANCE, Descent, at_bound
 from ..settings import TableOptions
@@ -267,7 +267,6 @@ def compare_files(job: ComparisonJob) -> ComparisonResult:
         )
     inputs = read_inputs(job)
     windows = windows_of(inputs, job.window, job.capacity)
-    source, ranges = ranges_of(job.bounds)
     compared = compare(
         inputs.records[0],
         inputs.cell,
@@ -275,17 +274,18 @@ def compare_files(job: ComparisonJob) -> ComparisonResult:
         validation=inputs.validation,
         window=windows[inputs.records[0].name],
         validation_windows=[windows[record.name] for record in inputs.validation],
-        bounds=ranges,
+        bounds=job.ranges.by_name,
         fixed=job.fix,
         coordinates=job.coordinates,
         objective="scan" if job.objective == "auto" else job.objective,
         budget=Budget(job.population, job.iterations, job.seeds, job.key),
-        source=source,
+        source=job.ranges.source,
         watch=watch,
     )
     with watch("Circuits", 0):
         alone = Job(seeds=0, bounds=job.bounds, fix=job.fix, tables=job.table_settings)
-        setup = set_up(settled(problem_of(inputs, windows, alone)), inputs, windows, alone)
+        first = settled(problem_of(inputs, windows, alone, first_circuit(inputs, alone)))
+        setup = set_up(first, inputs, windows, alone)
         usual = search_and_assess(setup, None, alone, "none", unwatched)
     tests = [InputPart.of("ocv", test) for test in inputs.ocv]
     notices = [warning for test in inputs.ocv for warning in test.warnings]

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple, Self
 
 import numpy as np
 from jaxtyping import Float
@@ -296,10 +296,15 @@ def parse_fixed(texts: list[str]) -> dict[str, float]:
     return fixed
 
 
-def ranges_of(
-    bounds: Mapping[str, Range] | str | Path | None,
-) -> tuple[str, Mapping[str, Range] | None]:
-    """The origin of the box, for messages, and its ranges."""
-    if isinstance(bounds, str | Path):
-        return Path(bounds).name, read_bounds(Path(bounds))
-    return ("`fix`" if bounds is None else "`bounds`"), bounds
+class GivenRanges(NamedTuple):
+    """Ranges that were given, and where they come from, for messages."""
+
+    source: str
+    by_name: Mapping[str, Range]
+
+    @classmethod
+    def of(cls, bounds: Mapping[str, Range] | str | Path | None) -> Self:
+        """Those of an option. Raises `InputError` as `read_bounds` does."""
+        if isinstance(bounds, str | Path):
+            return cls(Path(bounds).name, read_bounds(Path(bounds)))
+        return cls("`fix`" if bounds is None else "`bounds`", bounds or {})

@@ -141,6 +141,7 @@ def test_what_a_plan_names_is_found_where_it_moved_with_the_plan(tmp_path):
     for path in ("cold/drive.csv", "warm/drive.csv", "out/slow.csv", "box.toml"):
         (new / path).parent.mkdir(exist_ok=True)
         (new / path).touch()
+    (new / "box.toml").write_text("[bounds]\n")
     (new / "out" / "plan.toml").write_text(text)
     read = plan_from_toml(new / "out" / "plan.toml")
     names = ("cold/drive.csv", "warm/drive.csv", "out/slow.csv")

@@ -89,10 +89,10 @@ def starting_at(result, soc: float):
 def trips():
     """The current of the bundled validation record."""
     import barnax
-    from barnax.export import Profile
+    from barnax.export import HeldLoad
 
     record = barnax.read_record(barnax.bundled_file("validation"))
-    return Profile(record.time_s - record.time_s[0], record.current_a)
+    return HeldLoad(record.time_s - record.time_s[0], record.current_a)
 
 
 def cases(result) -> Iterator[tuple]:

@@ -19,7 +19,7 @@ from pydantic import PrivateAttr
 from .display import Brief, hook
 from .errors import InputError
 from .execution import compile_for, in_float64
-from .filters import Drive, Estimate, FilterModel, Kind, run_filter
+from .filters import Drive, Filtered, FilterModel, Kind, run_filter
 from .model.prepared import prepare_record
 from .model.start import Start
 from .model.window import OCV_MARGIN, Window
@@ -131,7 +131,7 @@ class Traces(Brief):
 
     time_s: Float[np.ndarray, "samples"]
     truth: Float[np.ndarray, "samples"]
-    estimate: Estimate
+    estimate: Filtered
     counted: Float[np.ndarray, "scenarios samples"]
 
 
@@ -243,7 +243,7 @@ def replay_soc(
     return replay
 
 
-def _run_all(models: FilterModel, starts: Any, drives: Drive, kind: Kind) -> Estimate:
+def _run_all(models: FilterModel, starts: Any, drives: Drive, kind: Kind) -> Filtered:
     """Every scenario, cell or tuning along the first axis."""
     return jax.vmap(lambda model, start, drive: run_filter(model, start, drive, kind))(
         models, starts, drives

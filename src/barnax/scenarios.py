@@ -13,7 +13,7 @@ from pydantic import Field
 from scipy.special import chdtrc, chdtri
 
 from .cell.soc_axis import is_above
-from .filters import Drive, Estimate, FilterModel
+from .filters import Drive, Filtered, FilterModel
 from .filters.model import CAPACITY, OFFSET
 from .model.prepared import PreparedRecord
 from .schema import Part
@@ -183,7 +183,7 @@ class ScenarioPart(Part):
 
 
 def score(
-    case: Case, capacity_ah: float, prepared: PreparedRecord, estimate: Estimate
+    case: Case, capacity_ah: float, prepared: PreparedRecord, estimate: Filtered
 ) -> ScenarioPart:
     """The errors of a filter's estimates from the start of a case on, against the counter.
 

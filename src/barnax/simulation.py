@@ -36,7 +36,7 @@ class Simulated(NamedTuple):
     soc: Float[np.ndarray, "samples"]
 
 
-class Profile(NamedTuple):
+class Load(NamedTuple):
     """A current over time, and what its columns are called."""
 
     time_s: Float[np.ndarray, "samples"]
@@ -80,7 +80,7 @@ def simulate_frame(
     return nw.from_dict(columns, backend=nw.get_native_namespace(current)).to_native()
 
 
-def _columns(frame: Any) -> Profile:
+def _columns(frame: Any) -> Load:
     """The time in s and the current in A of a frame, by the names that records have too."""
     if isinstance(frame, Mapping):
         lengths = {str(name): np.size(values) for name, values in frame.items()}
@@ -101,11 +101,11 @@ def _columns(frame: Any) -> Profile:
     wanted = [name for name in ("time", "current", "temperature") if name in columns]
     values = take_lines(table, {name: columns[name] for name in wanted}).values
     names = repr(columns["time"].header), repr(columns["current"].header)
-    return Profile(values["time"], values["current"], names, values.get("temperature"))
+    return Load(values["time"], values["current"], names, values.get("temperature"))
 
 
 def _doubts(
-    result: Result, profile: Profile, soc: Float[np.ndarray, "samples"], given_degc: float | None
+    result: Result, profile: Load, soc: Float[np.ndarray, "samples"], given_degc: float | None
 ) -> Iterator[Notice]:
     """Notices that a simulation goes beyond what the answer was identified on."""
     parts = result.of_role("identification")
@@ -210,7 +210,7 @@ def simulate_current(
     return Simulated(simulate_circuit(prepared, circuit), soc)
 
 
-def _require_numbers(profile: Profile) -> None:
+def _require_numbers(profile: Load) -> None:
     """Raise `InputError` for what is no current over time."""
     time_s, current_a, names, _ = profile
     if time_s.ndim != 1 or time_s.shape != current_a.shape or len(time_s) < 2:

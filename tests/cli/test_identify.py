@@ -16,7 +16,7 @@ from barnax.bundled import BUNDLED
 from barnax.cli import identify as command
 from barnax.cli.output import Output, write_folder
 from barnax.cli.session import as_flags
-from barnax.plan.document import Part, Plan
+from barnax.plan.document import FileRole, Plan
 from barnax.reporting.first_screen import Next
 from barnax.results import Result
 from helpers import golden
@@ -235,7 +235,7 @@ def test_the_next_step_is_an_option_beside_the_plan_of_the_run(
     monkeypatch.chdir(tmp_path)
     step = Next("compute intervals of the parameters", {"trust": "basic"})
     monkeypatch.setattr("barnax.reporting.first_screen.next_step", lambda _: step)
-    plan = Plan("identify", (Part(Path(file), file, "identification"),))
+    plan = Plan("identify", (FileRole(Path(file), file, "identification"),))
     result, run = Result.from_json(golden.RESULT), Output().begun("out")
     run.written = {"plan.toml"}
     advice, shown = command._next(result, run, plan, Path("d"))
@@ -261,7 +261,7 @@ def test_a_record_is_identified_on_too_by_a_command_that_runs(
     step = Next("identify on c.csv too", also="c.csv")
     monkeypatch.setattr("barnax.reporting.first_screen.next_step", lambda _: step)
     roles = {"a.csv": "identification", "o.csv": "OCV test", "c.csv": "validation", "n": "not used"}
-    parts = [Part(Path("d") / name, name, role, reason=reason) for name, role in roles.items()]
+    parts = [FileRole(Path("d") / name, name, role, reason=reason) for name, role in roles.items()]
     parts[0] = replace(parts[0], more=(Path("d/b.csv"),))
     chosen = Plan("identify", tuple(parts), {"capacity": 2.0}, {"capacity": "measured"})
     plan = chosen.changed(barnax.Window(**common), **given)

@@ -17,7 +17,7 @@ from barnax.experiment.information import before_of
 from barnax.experiment.prior import prior_of
 from barnax.experiment.protocol import sampled, window_of
 from barnax.model.window import Window
-from barnax.plan import Part, Plan, plan_from_toml, plan_to_toml
+from barnax.plan import FileRole, Plan, plan_from_toml, plan_to_toml
 from barnax.reporting.design import design_screen, reached_half
 from barnax.reporting.design_forms import design_files
 from barnax.reporting.first_screen import next_step
@@ -53,12 +53,12 @@ def planned(folder, plan):
     return _earlier(folder)
 
 
-OCV_TESTS = tuple(Part(path, path.name, "OCV test") for path in BUNDLED.ocv)
+OCV_TESTS = tuple(FileRole(path, path.name, "OCV test") for path in BUNDLED.ocv)
 
 
 def test_the_test_s_record_is_identified_with_the_records_and_tests_that_counted(design, tmp_path):
-    record = Part(BUNDLED.record, "identification.parquet", "identification")
-    others = Part(BUNDLED.validation, "validation.parquet", "validation")
+    record = FileRole(BUNDLED.record, "identification.parquet", "identification")
+    others = FileRole(BUNDLED.validation, "validation.parquet", "validation")
     options = {"model": "so-rc", "capacity": 2.2}
     of_all = Window(score_to_s=9.0, temperature_degc=25.0)
     parts = record, *OCV_TESTS, others
@@ -84,7 +84,7 @@ def test_the_test_s_record_is_identified_with_the_records_and_tests_that_counted
 
 
 def test_a_pulse_test_that_counted_is_the_ocv_test_too(design, tmp_path):
-    pulses = Part(BUNDLED.hppc[1], "hppc.parquet", "identification")
+    pulses = FileRole(BUNDLED.hppc[1], "hppc.parquet", "identification")
     plan = plan_after(design, planned(tmp_path, Plan("hppc", (pulses,))), None)
     assert plan.command == "identify"
     assert [part.path for part in plan.of_role("OCV test")] == [BUNDLED.hppc[1]]
@@ -234,8 +234,10 @@ def test_a_plan_is_told_the_sampling_of_its_one_record_where_the_test_s_steps_sh
         np.savetxt(tmp_path / name, rows, delimiter=",", header=head, comments="")
 
     def of(name, **options):
-        own = Part(tmp_path / name, name, "identification")
-        others = [Part(tmp_path / "other.csv", "o", role) for role in ("OCV test", "validation")]
+        own = FileRole(tmp_path / name, name, "identification")
+        others = [
+            FileRole(tmp_path / "other.csv", "o", role) for role in ("OCV test", "validation")
+        ]
         plan = _sampled_by(design, Plan("identify", (own, *others), options))
         return [part.sampling for part in plan.parts]
 

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from barnax.export import EXPORTERS, Profile
+from barnax.export import EXPORTERS, HeldLoad
 from barnax.export.python_modules import pulse_profile, simulate_here
 from barnax.export.tables import TOLERANCE_V, tables_of
 from helpers.results import (
@@ -72,7 +72,7 @@ def test_thevenin_gets_every_name_it_asks_for_and_no_other(circuit):
     assert params["gamma"] == {"iso-rc": 1e5, "esc": GAMMA}.get(circuit, 0.0)
 
 
-def run_thevenin(module: dict[str, Any], profile: Profile, step_s: float = np.inf) -> np.ndarray:
+def run_thevenin(module: dict[str, Any], profile: HeldLoad, step_s: float = np.inf) -> np.ndarray:
     """The documented equations of thevenin, exact for a current held between samples, in steps of
     so many seconds at most."""
     p = module["get_params"]()
@@ -146,7 +146,7 @@ def test_pybamm_gets_interpolants_of_the_tables(fake_pybamm):
 def test_thevenins_functions_of_soc_simulate_what_barnax_does():
     result = make_table_result()
     whole = pulse_profile(result)
-    profile = Profile(whole.time_s[:400], whole.current_a[:400])
+    profile = HeldLoad(whole.time_s[:400], whole.current_a[:400])
     there_v = run_thevenin(run_module(EXPORTERS["thevenin"], result), profile, 0.05)
     assert np.abs(there_v - simulate_here(result, profile)).max() < 1e-4
 

@@ -9,14 +9,14 @@ import pytest
 from scipy.signal import lfilter
 
 from barnax.errors import InputError
-from barnax.export import EXPORTERS, Profile, require_package, verify
+from barnax.export import EXPORTERS, HeldLoad, require_package, verify
 from barnax.export.python_modules import simulate_here
 from barnax.export.tables import TOLERANCE_V, tables_of
 from helpers.results import CAPACITY_AH, PAIRS, make_result, make_table_result
 
-SHORT = Profile(1.0 * np.arange(200), np.where(np.arange(200) % 40 < 20, 2.0, -1.0))
+SHORT = HeldLoad(1.0 * np.arange(200), np.where(np.arange(200) % 40 < 20, 2.0, -1.0))
 # Nearly to empty, beyond nodes that end before.
-DISCHARGE = Profile(5.0 * np.arange(620), np.full(620, 2.0))
+DISCHARGE = HeldLoad(5.0 * np.arange(620), np.full(620, 2.0))
 
 
 def faked(result, error_v):
@@ -60,7 +60,7 @@ def test_barnax_own_side_is_the_circuit_that_was_identified(own_ah):
 def test_both_sides_start_in_the_direction_the_identification_started_in(circuit, direction):
     result = make_result(circuit, initial_direction=direction)
     # Less than the rest current turns nothing.
-    resting = Profile(1.0 * np.arange(200), np.tile([0.03, -0.03], 100))
+    resting = HeldLoad(1.0 * np.arange(200), np.tile([0.03, -0.03], 100))
     found_v = simulate_here(result, resting)
     start_v = tables_of(result).initial_hysteresis_v
     assert start_v * direction > 5e-3

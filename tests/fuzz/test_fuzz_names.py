@@ -16,7 +16,7 @@ from scipy.io import loadmat
 from barnax.errors import InputError, printable
 from barnax.export import EXPORTERS
 from barnax.model.window import Window
-from barnax.plan import Part, Plan, plan_to_toml
+from barnax.plan import FileRole, Plan, plan_to_toml
 from barnax.pulses import Pulse
 from barnax.reporting.pulses import pulses_csv
 from export.conftest import COMPILER, needs_a_compiler
@@ -95,7 +95,7 @@ def test_a_plan_is_the_same_table_whatever_a_file_is_called(examples):
     def survive(name: str) -> None:
         shown = printable(name)
         window = Window(initial_soc=1.0)
-        part = Part(Path(name), shown, "validation", name, name, window, (0.0, 1.0))
+        part = FileRole(Path(name), shown, "validation", name, name, window, (0.0, 1.0))
         plan = Plan("identify", (part,), {"columns": shown}, {"columns": name}, name)
         try:
             text = plan_to_toml(plan)

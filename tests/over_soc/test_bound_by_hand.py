@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import linprog
 
 from barnax.execution import in_float64
-from barnax.over_soc.certificate import _Relaxation, _Side
+from barnax.over_soc.certificate import _BoxAxis, _Relaxation
 from barnax.over_soc.problem import find_best, reduced_objective
 from helpers.dense import BOX, CAPACITY_AH, SETTINGS, made_record, prepared_of
 
@@ -104,7 +104,7 @@ def test_any_direction_gives_the_bound_of_its_formula_and_what_it_lacks(relaxati
     best = find_best(objective)
     middle = objective.solve((2.1, 4.1))
     given = zip(objective.axes, box, [middle] * 2, relaxation.remainders, (2.1, 4.1), strict=True)
-    plain = [_Side.of(*lacked) for lacked in given]
+    plain = [_BoxAxis.of(*lacked) for lacked in given]
     np.testing.assert_allclose(
         [side.tax for side in plain],
         [

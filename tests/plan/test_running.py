@@ -11,7 +11,7 @@ import barnax
 from barnax.bundled import BUNDLED
 from barnax.errors import InputError
 from barnax.plan import Plan, plan, plan_from_toml, plan_to_toml
-from barnax.plan.document import Part
+from barnax.plan.document import FileRole
 from barnax.plan.running import planned
 from barnax.records import read_record
 from barnax.reporting.wording import table
@@ -96,8 +96,8 @@ def test_the_sampling_that_a_design_shows_is_of_its_own_logger_alone(tmp_path):
     record.write_csv(tmp_path / "test.csv")
     ocv.write_csv(tmp_path / "ocv.csv")
     parts = (
-        Part(tmp_path / "test.csv", "test.csv", "identification", sampling="backward"),
-        Part(tmp_path / "ocv.csv", "ocv.csv", "OCV test"),
+        FileRole(tmp_path / "test.csv", "test.csv", "identification", sampling="backward"),
+        FileRole(tmp_path / "ocv.csv", "ocv.csv", "OCV test"),
     )
     path = tmp_path / "plan.toml"
     path.write_text(plan_to_toml(Plan("identify", parts)))

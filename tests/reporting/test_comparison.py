@@ -15,7 +15,7 @@ from barnax.reporting.comparison import (
     shown_differences,
     verdict_facts,
 )
-from barnax.reporting.document import Bullets, Table
+from barnax.reporting.document import Bullets, ReportTable
 from barnax.reporting.illustrations import comparison_illustrations
 from barnax.reporting.render import table_lines, to_markdown
 from barnax.reporting.wording import blocks, sentences, table, wording
@@ -133,7 +133,7 @@ BOUNDS = {
 }
 
 
-def tables() -> dict[str, Table]:
+def tables() -> dict[str, ReportTable]:
     refined = make_row("lm so-rc", 1.0, refined=make_refined(0.0204))
     # A gap of rounding errors is none.
     best = make_row("pso so-rc", 1.0, refined=make_refined(0.02 * (1 - 1e-15)))

@@ -10,7 +10,7 @@ from barnax.export import get_exporter
 from barnax.over_soc.fit import TableFit
 from barnax.over_soc.node_interval import NodeInterval, sum_name
 from barnax.plots.soc_tables import drawn_tables
-from barnax.reporting.document import Table
+from barnax.reporting.document import ReportTable
 from barnax.reporting.first_screen import first_screen
 from barnax.reporting.identification import identification_document
 from barnax.reporting.parameters import tables_csv
@@ -213,7 +213,7 @@ def test_the_screen_the_report_and_results_side_by_side_say_the_same_words(name)
         table
         for section in barnax.show(result, result).document.sections
         for table in section.blocks
-        if isinstance(table, Table) and "change" in [column.head for column in table.columns]
+        if isinstance(table, ReportTable) and "change" in [column.head for column in table.columns]
     )
     compared = {row[0]: row[2] for row in beside.rows if row[1] == "–" or row[0][:4] == "mean"}
     sums = [label for label, _ in expected(result.fit) if " + " in label]

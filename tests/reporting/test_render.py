@@ -17,12 +17,12 @@ import barnax
 from barnax.plots import column_width, plot_ocv
 from barnax.reporting.document import (
     Bullets,
-    Column,
-    Document,
+    Head,
+    Page,
     Paragraph,
     Picture,
+    ReportTable,
     Section,
-    Table,
 )
 from barnax.reporting.identification import identification_document
 from barnax.reporting.illustrations import identification_illustrations
@@ -48,14 +48,14 @@ PICTURE = Picture("figure", Figure, "a caption", "an alt")
 
 
 def make_document(text="plain", pictures=(PICTURE,)):
-    table = Table(
+    table = ReportTable(
         f"caption {text}",
-        (Column("row", role="text"), Column("RMSE", "mV")),
+        (Head("row", role="text"), Head("RMSE", "mV")),
         ((text, "1.0"), ("other", "-22.5")),
         frozenset({(0, 1)}),
     )
     blocks = (Paragraph(text), Bullets((text, text)), Bullets((text,), True), table)
-    return Document(text, text, (Section(text, (*blocks, *pictures)), Section("last", ())))
+    return Page(text, text, (Section(text, (*blocks, *pictures)), Section("last", ())))
 
 
 def rendered(markdown):
@@ -142,7 +142,7 @@ def test_both_forms_say_the_same():
 
 def test_a_table_whose_rows_do_not_fit_its_columns_is_refused():
     with pytest.raises(ValueError, match="a row of 2 cells under 1 columns"):
-        Table("", (Column("one"),), (("1", "2"),))
+        ReportTable("", (Head("one"),), (("1", "2"),))
 
 
 def test_figures_for_a_paper_are_pdf_and_svg_as_wide_as_a_column():
@@ -168,7 +168,7 @@ MAX_PAGES = 8
 
 @pytest.fixture(scope="module")
 def page():
-    return to_html(Document("t", "s", (Section("one", (LIVE,)),)))
+    return to_html(Page("t", "s", (Section("one", (LIVE,)),)))
 
 
 def scripts_of(page):

@@ -5,7 +5,7 @@ from collections import Counter
 import pytest
 from rich.console import Console
 
-from barnax.reporting.document import Table, column
+from barnax.reporting.document import ReportTable, column
 from barnax.reporting.first_screen import first_screen
 from barnax.reporting.terminal import terminal_table, to_terminal
 from barnax.results import Result
@@ -23,7 +23,7 @@ def lines_of(block, width):
 
 def table_of(heads, rows, texts=()):
     columns = tuple(column(head, "text" if head in texts else "number") for head in heads)
-    return Table("", columns, tuple(map(tuple, rows)))
+    return ReportTable("", columns, tuple(map(tuple, rows)))
 
 
 def soc_table():

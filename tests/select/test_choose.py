@@ -15,7 +15,7 @@ from barnax.over_soc.cross_validation import HeldOut
 from barnax.over_soc.problem import coarsened, find_best, reduced_objective
 from barnax.over_soc.settings import TableSettings
 from barnax.select.choose import Bench, Fitted, choose
-from barnax.select.family import NODE_LADDER, RICHER, Limits, Point, limits_of
+from barnax.select.family import NODE_LADDER, RICHER, Point, Subfamily, limits_of
 from helpers.known_cell import cell_with_ocv, ocv_v
 from helpers.reference import make_record
 
@@ -131,7 +131,7 @@ def test_a_coarser_circuit_from_a_finer_reduction_is_the_one_reduced_for_it(cell
 
 
 def test_rungs_add_one_thing_and_lead_back():
-    limits = Limits("1rc", richer=RICHER)
+    limits = Subfamily("1rc", richer=RICHER)
     for circuit, nodes in product(limits.richer, limits.nodes):
         point = Point(circuit, nodes)
         for ladder, richer in limits.rungs(point):
@@ -143,7 +143,7 @@ class StatedBench(Bench):
     """A bench whose held-out errors are given by the number of nodes."""
 
     def __init__(self, rms_v):
-        super().__init__(lambda circuit: [], TableSettings(), Limits("1rc"))
+        super().__init__(lambda circuit: [], TableSettings(), Subfamily("1rc"))
         self.rms_v = rms_v
         self.__dict__["_spans_enough"] = True
 

@@ -137,12 +137,12 @@ def plan_after(
 
     Where nothing shows what is full, the record starts where its rest is on the others' OCV.
     """
-    from ..plan import Part
+    from ..plan import FileRole
 
     counted = [part for part in earlier.parts if test.earlier or part.role == "OCV test"]
     is_open = bool(counted and test.earlier and test.start_v)
     start = Window(initial_soc=None if is_open else test.initial_soc)
-    designed = Part(Path(RECORD), RECORD, "identification", window=start)
+    designed = FileRole(Path(RECORD), RECORD, "identification", window=start)
     if capacity_ah is None and not counted:
         capacity_ah = test.capacity_ah
     return replace(earlier, parts=(designed, *counted)).changed(None, capacity=capacity_ah)

@@ -107,14 +107,14 @@ class Delivery(Session):
             self.show(["", reporting.terminal.whole_line(line)])
 
 
-def page_of(document: "reporting.document.Document") -> bytes:
+def page_of(document: "reporting.document.Page") -> bytes:
     """A document as a page, with options as the command line spells them."""
     return reporting.render.to_html(document.with_option_names(as_flags)).encode()
 
 
 def drawn_files(
     draw: Callable[[], Any],
-    document_of: Callable[[Any], "reporting.document.Document"],
+    document_of: Callable[[Any], "reporting.document.Page"],
     report: bool,
     paper: bool,
 ) -> dict[str, bytes]:

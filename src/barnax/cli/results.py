@@ -26,7 +26,7 @@ PAGE = "report.html"
 
 
 @group
-class OnRecord:
+class ResultOnRecord:
     """A stored result and a record; the window stored of it applies, unless changed.
 
     Arguments:
@@ -64,7 +64,7 @@ class OnRecord:
 
 
 @group
-class Shown:
+class ShownResults:
     """One result, or several.
 
     Arguments:
@@ -81,7 +81,7 @@ class Shown:
     choice: bool = False
 
 
-def show(of: Shown) -> None:
+def show(of: ShownResults) -> None:
     """Print a result, or several side by side with what differs.
 
     Of one result it is the first screen with its warnings, as identify printed it,
@@ -129,7 +129,7 @@ class Errors:
     quiet: bool = False
 
 
-def validate(on: OnRecord, output: Errors) -> None:
+def validate(on: ResultOnRecord, output: Errors) -> None:
     """Print the errors of an identified circuit on another record.
 
     The window of a record that the result is of applies, unless options
@@ -164,13 +164,13 @@ def validate(on: OnRecord, output: Errors) -> None:
 
 
 def _validation_page(
-    evaluation: "barnax.Evaluation", table: "reporting.document.Table", answer: str
+    evaluation: "barnax.Evaluation", table: "reporting.document.ReportTable", answer: str
 ) -> bytes:
     record, illustrate = evaluation.prepared.record.name, reporting.illustrations.illustrate
     plots = {"voltage": barnax.plots.plot_voltage, "error": barnax.plots.plot_error}
     drawn = (illustrate(name, record, plot, evaluation) for name, plot in plots.items())
     errors = reporting.document.Section("Errors", (table, *drawn))
-    return page_of(reporting.document.Document(f"{answer} on {record}", "", (errors,)))
+    return page_of(reporting.document.Page(f"{answer} on {record}", "", (errors,)))
 
 
 @group
@@ -192,7 +192,7 @@ class FilterOptions:
     paper: bool = False
 
 
-def soc(on: OnRecord, chosen: FilterOptions, output: Output) -> None:
+def soc(on: ResultOnRecord, chosen: FilterOptions, output: Output) -> None:
     """Replay a record through a Kalman filter that tracks its SOC.
 
     The filter runs from a right start, from starts 20 % too low and too high,
@@ -274,7 +274,7 @@ def _file_of(path: Path) -> Path:
 
 def _document(
     path: Path, data: Sequence[Path], live: bool
-) -> "tuple[reporting.document.Document, str]":
+) -> "tuple[reporting.document.Page, str]":
     """The document of what is stored, and why figures over time are missing, if they are."""
     if path.is_dir():
         from ..fleet.summary import read_fleet, summarize

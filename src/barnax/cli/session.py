@@ -140,7 +140,7 @@ class Session:
                 # What is to be copied stays in one line, however narrow the terminal.
                 self._console.print(block, soft_wrap=isinstance(block, Text), crop=False)
 
-    def show_document(self, document: "reporting.document.Document") -> None:
+    def show_document(self, document: "reporting.document.Page") -> None:
         """Print a document, with options as the command line spells them."""
         self.show([reporting.terminal.to_terminal(document.with_option_names(as_flags))])
 

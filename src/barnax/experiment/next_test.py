@@ -39,7 +39,7 @@ from .protocol import (
     sampled,
     window_of,
 )
-from .search import LONGER, MOST_HOURS, Choice, Criterion, is_reached_in, planned, worst_first
+from .search import LONGER, MOST_HOURS, Criterion, SearchSetup, is_reached_in, planned, worst_first
 from .stored import (
     WANTED_SOC,
     Design,
@@ -171,7 +171,7 @@ def design(
     if want == "hppc":
         medians = _medians(_halves(references[0].widths), _names(prior), wanted_soc)
         wished, wanted = wishes_of(prior, medians, wanted_soc)
-    choice = Choice(
+    choice = SearchSetup(
         prior, limits, tuple(blocks), wished, criterion, high_soc, low_soc,
         drive if DRIVE in wanted else None, wanted.get(DRIVE, 0.0),
         _emptying(prior, limits, low_soc),

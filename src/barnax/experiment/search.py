@@ -131,7 +131,7 @@ class Trial:
 
 
 @dataclass(frozen=True, eq=False)
-class Choice:
+class SearchSetup:
     """All that a search chooses from, and what it is to reach.
 
     `wished` are half the 95 % intervals wanted of unknowns, by their place: relative, in V of an
@@ -249,16 +249,18 @@ class Choice:
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class DesignPlan:
     """A test that keeps all limits: its steps, and how it goes."""
 
-    choice: Choice
+    choice: SearchSetup
     pattern: Pattern
     steps: list[Step]
     predicted: Predicted
 
 
-def planned(choice: Choice, max_hours: float, key: Array, starts: int, reaches: Reaches) -> Plan:
+def planned(
+    choice: SearchSetup, max_hours: float, key: Array, starts: int, reaches: Reaches
+) -> DesignPlan:
     """The shortest test that reaches the wishes, or the best of the time, within all limits."""
     best = None
     for _ in range(SEARCHES):
@@ -290,7 +292,7 @@ def planned(choice: Choice, max_hours: float, key: Array, starts: int, reaches: 
     return best
 
 
-def _kept(choice: Choice, trial: Trial, hours: float) -> tuple[Plan | None, Choice]:
+def _kept(choice: SearchSetup, trial: Trial, hours: float) -> tuple[DesignPlan | None, SearchSetup]:
     """A found test with its currents lowered until it keeps all limits, None where it cannot, and
     the choice with its limits tightened by that."""
     for _ in range(ADJUSTMENTS):
@@ -299,18 +301,18 @@ def _kept(choice: Choice, trial: Trial, hours: float) -> tuple[Plan | None, Choi
             break
         predicted, limits = _simulated(choice, steps)
         if limits == choice.limits:
-            return Plan(choice, trial.pattern, steps, predicted), choice
+            return DesignPlan(choice, trial.pattern, steps, predicted), choice
         choice = replace(choice, limits=limits)
     return None, choice
 
 
-def is_reached_in(hours: float, plan: Plan, key: Array, reaches: Reaches) -> bool:
+def is_reached_in(hours: float, plan: DesignPlan, key: Array, reaches: Reaches) -> bool:
     """True where a test of so many hours is found that reaches what a shorter plan does not."""
     longer, _ = _kept(plan.choice, _best(plan.choice, hours, key, 1), hours)
     return longer is not None and reaches(longer.steps)
 
 
-def _best(choice: Choice, max_hours: float, key: Array, starts: int) -> Trial:
+def _best(choice: SearchSetup, max_hours: float, key: Array, starts: int) -> Trial:
     """The best of several searches. Raises `InputError` where no test is so short."""
     patterns = _starts_of(choice)
     searches = [
@@ -339,7 +341,7 @@ def _best(choice: Choice, max_hours: float, key: Array, starts: int) -> Trial:
     )
 
 
-def _starts_of(choice: Choice, move_c: float = MOVE_C) -> list[Pattern]:
+def _starts_of(choice: SearchSetup, move_c: float = MOVE_C) -> list[Pattern]:
     """The patterns that a search starts from: moves and rests alone, and with pieces of a kind."""
     kinds = len(choice.blocks)
     return [
@@ -349,7 +351,7 @@ def _starts_of(choice: Choice, move_c: float = MOVE_C) -> list[Pattern]:
     ]
 
 
-def _least_hours(choice: Choice, patterns: Sequence[Pattern]) -> float:
+def _least_hours(choice: SearchSetup, patterns: Sequence[Pattern]) -> float:
     """How long the shortest of these tests takes without rests between its pieces."""
     taken_s = (
         sum(step.duration_s for step in steps if step.block != "rest") + SETTLE_S
@@ -359,7 +361,7 @@ def _least_hours(choice: Choice, patterns: Sequence[Pattern]) -> float:
     return min(taken_s, default=math.inf) / 3600
 
 
-def _simulated(choice: Choice, steps: Sequence[Step]) -> tuple[Predicted, Limits]:
+def _simulated(choice: SearchSetup, steps: Sequence[Step]) -> tuple[Predicted, Limits]:
     """The test as it goes, and the limits of the choice, tightened where its worst case leaves a
     voltage, warms too much, or has a current over what is named for its state of charge."""
     prior, limits, current_a = choice.prior, choice.limits, sampled(steps)

@@ -12,7 +12,7 @@ from ..errors import InputError
 from . import files, python_modules
 from .exporter import Export as Export
 from .exporter import Exporter as Exporter
-from .exporter import Profile as Profile
+from .exporter import HeldLoad as HeldLoad
 from .python_modules import Verification as Verification
 from .python_modules import pulse_profile as pulse_profile
 from .python_modules import require_package as require_package

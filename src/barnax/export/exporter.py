@@ -36,7 +36,7 @@ class Export(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Profile:
+class HeldLoad:
     """A current to simulate, discharge positive, each held until the next time; cells at rest, at
     one temperature."""
 
@@ -46,7 +46,7 @@ class Profile:
 
 
 # The voltage at every sample of a profile, from an exported content.
-Simulate = Callable[[bytes, Profile], Float[np.ndarray, "samples"]]
+Simulate = Callable[[bytes, HeldLoad], Float[np.ndarray, "samples"]]
 
 
 @dataclass(frozen=True)

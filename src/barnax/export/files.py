@@ -32,7 +32,7 @@ from ..filters.model import (
 from ..result_filter import model_of
 from ..results import Result
 from .exporter import Export, caveats_of, from_template, note_lines
-from .tables import Table, Tables, tables_of
+from .tables import Tables, VoltageTable, tables_of
 
 # How C programs know a hysteresis.
 HYSTERESIS = {"none": 0, "instant": 1, "dynamic": 2, "loops": 3}
@@ -200,7 +200,7 @@ def write_json(result: Result) -> Export:
     return Export(text.encode(), tables.caveats)
 
 
-def _listed(table: Table) -> dict[str, list]:
+def _listed(table: VoltageTable) -> dict[str, list]:
     return {"SOC": table.soc.tolist(), "voltage [V]": table.voltage_v.tolist()}
 
 

@@ -23,7 +23,7 @@ from ..cell.model import REFERENCE_DEGC
 from ..errors import InputError, installing
 from ..results import Result
 from ..simulation import simulate_current
-from .exporter import INSTANT_RATE, Export, Exporter, Profile, Simulate, caveats_of, from_template
+from .exporter import INSTANT_RATE, Export, Exporter, HeldLoad, Simulate, caveats_of, from_template
 from .tables import Tables, tables_of
 
 # A result has no cut-off voltages; these stop no simulation of the cell.
@@ -58,7 +58,7 @@ def _module(package: str, getter: str, tables: Tables, **values: Any) -> Export:
     )
 
 
-def _loaded(content: bytes, getter: str, profile: Profile) -> tuple[dict, dict]:
+def _loaded(content: bytes, getter: str, profile: HeldLoad) -> tuple[dict, dict]:
     """An exported module, and its parameters at the profile's temperature."""
     module: dict = {}
     exec(compile(content, "the exported module", "exec"), module)
@@ -76,7 +76,7 @@ def write_pybamm(result: Result) -> Export:
     )  # fmt: skip
 
 
-def simulate_pybamm(content: bytes, profile: Profile) -> Float[np.ndarray, "samples"]:
+def simulate_pybamm(content: bytes, profile: HeldLoad) -> Float[np.ndarray, "samples"]:
     """PyBaMM's terminal voltage in V, from an exported module."""
     pybamm = importlib.import_module("pybamm")
     module, values = _loaded(content, "get_parameter_values", profile)
@@ -107,7 +107,7 @@ def write_thevenin(result: Result) -> Export:
     )  # fmt: skip
 
 
-def simulate_thevenin(content: bytes, profile: Profile) -> Float[np.ndarray, "samples"]:
+def simulate_thevenin(content: bytes, profile: HeldLoad) -> Float[np.ndarray, "samples"]:
     """thevenin's terminal voltage in V, from an exported module, stepped with its Prediction."""
     thevenin = importlib.import_module("thevenin")
     module, params = _loaded(content, "get_params", profile)
@@ -175,7 +175,7 @@ def require_package(exporter: Exporter) -> tuple[str, Simulate]:
 
 
 def verify(
-    result: Result, exporter: Exporter, content: bytes, profile: Profile | None = None
+    result: Result, exporter: Exporter, content: bytes, profile: HeldLoad | None = None
 ) -> Verification:
     """The exported `content` simulated in its package and by barnax, from the result's initial SOC.
 
@@ -216,7 +216,7 @@ def verify(
     )
 
 
-def _differences(result: Result, simulate: Simulate, content: bytes, profile: Profile):
+def _differences(result: Result, simulate: Simulate, content: bytes, profile: HeldLoad):
     """The differences at all samples, without hysteresis, and without those of turns."""
     there_v = simulate(content, profile)
     difference_v = there_v - simulate_here(result, profile)
@@ -225,7 +225,7 @@ def _differences(result: Result, simulate: Simulate, content: bytes, profile: Pr
 
 
 def simulate_here(
-    result: Result, profile: Profile, *, without_hysteresis: bool = False
+    result: Result, profile: HeldLoad, *, without_hysteresis: bool = False
 ) -> Float[np.ndarray, "samples"]:
     """barnax's own terminal voltage in V for a result's circuit, or its tables, on a profile.
 
@@ -243,7 +243,7 @@ def simulate_here(
     return simulated.voltage_v[::finer]
 
 
-def pulse_profile(result: Result) -> Profile:
+def pulse_profile(result: Result) -> HeldLoad:
     """Pulses of 1C and C/5 both ways, with rests, from the initial SOC toward its far end."""
     cell = result.cell_at()
     low, high = cell.soc_range
@@ -256,10 +256,10 @@ def pulse_profile(result: Result) -> Profile:
     one_c = cell.capacity_ah if is_discharge else -cell.capacity_ah
     parts = [np.full(round(spent_s / INTERVAL_S), rate * one_c) for spent_s, rate in ROUND]
     current_a = np.tile(np.concatenate(parts), rounds)
-    return Profile(INTERVAL_S * np.arange(len(current_a)), current_a)
+    return HeldLoad(INTERVAL_S * np.arange(len(current_a)), current_a)
 
 
-def _turns(profile: Profile, initial_direction: int) -> Bool[np.ndarray, "samples"]:
+def _turns(profile: HeldLoad, initial_direction: int) -> Bool[np.ndarray, "samples"]:
     """True where the current flows the other way than when it last flowed."""
     way = -np.sign(profile.current_a)
     last = np.maximum.accumulate(np.where(way != 0, np.arange(len(way)), -1))

@@ -33,7 +33,7 @@ Values = Float[np.ndarray, "points"]
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class VoltageTable:
     """A voltage in V over SOC, strictly increasing from 0 or below to 1, to be read linearly."""
 
     soc: Values
@@ -75,9 +75,9 @@ class Tables:
     resistances: dict[str, np.ndarray]
     capacity_ah: float
     kind: str
-    ocv: Table
+    ocv: VoltageTable
     ocv_v: np.ndarray
-    hysteresis: Table | None
+    hysteresis: VoltageTable | None
 
     @property
     def pairs(self) -> int:
@@ -142,7 +142,7 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
         resistances={f"R{number}": values for number, values in enumerate(resistances)},
         capacity_ah=cell.capacity_ah,
         kind=hysteresis.kind,
-        ocv=Table(soc, ocv_v[index]),
+        ocv=VoltageTable(soc, ocv_v[index]),
         ocv_v=ocv_v if degc else ocv_v[index],
         hysteresis=_hysteresis(hysteresis, cell, over_soc[index] if over_soc else None),
     )
@@ -223,11 +223,11 @@ def _ocv(
 
 def _hysteresis(
     hysteresis: Hysteresis, cell: CellModel, over_soc: CircuitParameters | None
-) -> Table | None:
+) -> VoltageTable | None:
     """W(soc): that of the tables, the cell's segments, or the gap that a circuit takes."""
     if over_soc is not None and HALF_HYSTERESIS in over_soc.tables:
         w_v = 2 * np.array(over_soc.tables[HALF_HYSTERESIS])
-        return Table(np.round(over_soc.nodes, DIGITS_SOC), np.round(w_v, DIGITS_V))
+        return VoltageTable(np.round(over_soc.nodes, DIGITS_SOC), np.round(w_v, DIGITS_V))
     if hysteresis.kind == "none":
         return None
     gap = hysteresis.gap(cell)
@@ -274,7 +274,7 @@ def _open_resistances(result: Result) -> tuple[dict[str, set[float]], dict[str, 
 
 def linear_table(
     curve: Callable[[Values], Values], breakpoints: Values, tolerance_v: float = TOLERANCE_V
-) -> Table:
+) -> VoltageTable:
     """A curve from SOC 0 to 1 as a table that linear interpolation follows within a tolerance.
 
     Intervals between `breakpoints` (where the curve may bend) are halved until they are straight.
@@ -295,10 +295,10 @@ def linear_table(
             break
         middle = (soc[:-1] + width / 2)[is_bent]
         soc = np.unique(np.round(np.concatenate([soc, middle]), DIGITS_SOC))
-    return Table(soc, np.round(curve(soc), DIGITS_V))
+    return VoltageTable(soc, np.round(curve(soc), DIGITS_V))
 
 
-def segment_table(hysteresis: SegmentedHysteresis) -> Table:
+def segment_table(hysteresis: SegmentedHysteresis) -> VoltageTable:
     """W(soc) at the ends of its segments, a step at a knot as two points close together."""
     soc, voltage_v = [], []
     for index, (left_v, right_v) in enumerate(hysteresis.ends_v):
@@ -309,4 +309,4 @@ def segment_table(hysteresis: SegmentedHysteresis) -> Table:
             voltage_v.append(left_v)
         soc.append(float(KNOTS[index + 1]))
         voltage_v.append(right_v)
-    return Table(np.round(soc, DIGITS_SOC), np.array(voltage_v))
+    return VoltageTable(np.round(soc, DIGITS_SOC), np.array(voltage_v))

@@ -26,7 +26,7 @@ from jax import lax
 from jaxtyping import Array, Float, Scalar
 
 from ..execution import in_one_function
-from .model import Drive, Estimate, FilterModel
+from .model import Drive, Filtered, FilterModel
 
 Kind = Literal["sum", "ekf", "ukf"]
 Vector = Float[Array, "states"]
@@ -73,7 +73,7 @@ def run_filter(
     drive: Drive,
     kind: Kind | Literal["dual"] = "sum",
     adapting: float = 0.0,
-) -> Estimate:
+) -> Filtered:
     """A filter's estimates along a record, from a state and its variances (`FilterModel.start`).
 
     Of the dual one the measurement noise may adapt: `adapting` is the share of it that a sample
@@ -99,7 +99,7 @@ def run_filter(
         rows = _along(step, (parts, jnp.zeros_like(mean[0])), (drive, walks))
     count = len(model.slow)
     deviations = jnp.sqrt(rows[:, 2 + count :])
-    return Estimate(
+    return Filtered(
         *(rows[:, 0], jnp.hypot(deviations[:, 0], model.axis_sd), rows[:, 2 : 2 + count]),
         *(deviations[:, 1:-1], rows[:, 1], deviations[:, -1]),
     )

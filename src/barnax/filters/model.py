@@ -92,7 +92,7 @@ class Drive(NamedTuple):
         )
 
 
-class Estimate(NamedTuple):
+class Filtered(NamedTuple):
     """After every sample: SOC and slow parameters with deviations, and how the voltage came.
 
     `innovation_v` is measured minus predicted voltage, `innovation_sd_v` what the filter expected

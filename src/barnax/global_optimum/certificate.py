@@ -78,7 +78,7 @@ def _bound(
     the box would let them grow to their limits; so the second y is the direction of an error
     with just so much slope in them.
     """
-    sides = [*map(_Side.of, objective.axes, np.moveaxis(boxes, 1, 0), objective.remainders)]
+    sides = [*map(_AxisEnds.of, objective.axes, np.moveaxis(boxes, 1, 0), objective.remainders)]
     low, middle, high = (np.stack([side.log_scales[end] for side in sides]) for end in range(3))
     allowed = objective.coefficient_box(low)[0], objective.coefficient_box(high)[1]
     box = objective.coefficient_box(middle)
@@ -106,7 +106,7 @@ def _bound(
 
 
 @dataclass(frozen=True, eq=False)
-class _Side:
+class _AxisEnds:
     """One axis of many boxes: lower end, middle and upper end, and the responses there.
 
     `remainder` bounds how far y.phi can be below the parabola through the three, for any unit y.
@@ -122,7 +122,7 @@ class _Side:
         axis: Axis,
         ends: Float[np.ndarray, "boxes ends"],
         derivatives: Float[np.ndarray, "2 1"],
-    ) -> "_Side":
+    ) -> "_AxisEnds":
         three = np.stack([ends[:, 0], np.sum(ends, axis=1) / 2, ends[:, 1]])
         distinct, index = np.unique(three, return_inverse=True)
         index = index.reshape(three.shape)

@@ -152,7 +152,7 @@ class _Triangle:
             fixed += layout.places["hysteresis_response"].size
         return cls(order, fixed, 0, np.zeros((layout.width,) * 2, order="F"))
 
-    def joined_by(self, block: "Block", is_member: Bool[np.ndarray, "_"]) -> "_Triangle":
+    def joined_by(self, block: "ColumnBlock", is_member: Bool[np.ndarray, "_"]) -> "_Triangle":
         """This one, with those samples of a block that are its own."""
         rows, few = block.local_columns, block.local_columns.shape[1]
         rows = rows if np.all(is_member) else rows[is_member]
@@ -217,7 +217,7 @@ def together(parts: Sequence[Reduced]) -> Reduced:
 
 
 @dataclass(frozen=True, eq=False)
-class Block:
+class ColumnBlock:
     """The columns at the samples `here` of a record.
 
     What is near only few nodes moves only few `columns`, the last of `local_columns`: all others,
@@ -245,7 +245,7 @@ def blocks(
     prepared: PreparedRecord,
     layout: Layout,
     beside_v: Float[np.ndarray, "simulated sides"] | None = None,
-) -> Iterator[Block]:
+) -> Iterator[ColumnBlock]:
     """The columns at all samples of a record, block after block. Call inside float64."""
     nodes, rate = np.array(layout.nodes), layout.in_rate
     pairs = _SharedAnswers(layout.in_tau, len(nodes))
@@ -298,7 +298,7 @@ def blocks(
             columns = [decays, *columns]
         local = np.concatenate([column.reshape(size, -1) for column in columns], axis=1)
         moved = np.concatenate([places.ravel() for places in into])
-        yield Block(here, local, moved, layout.places["pairs"][: len(left), far], left)
+        yield ColumnBlock(here, local, moved, layout.places["pairs"][: len(left), far], left)
 
 
 class _SharedAnswers:

@@ -100,7 +100,7 @@ def certify(objective: Any, best: Polished, alone_v: Sequence[float] = (0.0,)) -
 
 
 @dataclass(frozen=True, eq=False)
-class _Side:
+class _BoxAxis:
     """One axis of a box: its columns at the lower end, the middle and the upper end.
 
     `tax` are the multipliers of each node's scale, `remainder` bounds on the third derivative's
@@ -150,7 +150,7 @@ class _Relaxation:
         """
         objective = self.objective
         sides = [
-            _Side.of(axis, ends, middle, derivatives, scale)
+            _BoxAxis.of(axis, ends, middle, derivatives, scale)
             for axis, ends, derivatives, scale in zip(
                 objective.axes, box, self.remainders, middle.log_scales, strict=True
             )
@@ -191,7 +191,7 @@ class _Relaxation:
 
         guess, size = None, float(np.linalg.norm(middle.error))
 
-        def at_corner(sides: Sequence[_Side], signs: Sequence[float]) -> float:
+        def at_corner(sides: Sequence[_BoxAxis], signs: Sequence[float]) -> float:
             nonlocal guess
             cost = np.zeros(len(gradient))
             for number, (first, second) in pairs.items():
@@ -225,7 +225,7 @@ class _Relaxation:
                 return 0.0
         return lowest
 
-    def _dual(self, error, bent, sides: Sequence[_Side], signs, limits):
+    def _dual(self, error, bent, sides: Sequence[_BoxAxis], signs, limits):
         """The bound on J that an error and a penalty give, and what each axis's slopes lacked."""
         objective = self.objective
         slope = 2 * (bent @ objective.penalty)

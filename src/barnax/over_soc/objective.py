@@ -35,7 +35,7 @@ FIXED = {
 }
 
 
-class Table(NamedTuple):
+class FittedTable(NamedTuple):
     """What is tabulated, at which nodes, with which weight w and ridge of the penalty, and the
     lowest and highest values of its unknowns. Those of one that `rises` are its value at the first
     node and the steps from node to node, each with a bound of its own."""
@@ -94,7 +94,7 @@ class TableObjective(LinearObjective):
         return len(self.reduced.layout.nodes)
 
     @cached_property
-    def _tables(self) -> tuple[Table, ...]:
+    def _tables(self) -> tuple[FittedTable, ...]:
         """R0, the resistance of every pair, then the OCV or its correction, then the amplitude of a
         dynamic hysteresis, where these are tabulated.
 
@@ -109,7 +109,7 @@ class TableObjective(LinearObjective):
         tables = []
         for name in (OHMIC, *(element.resistance for element in names_of(self.elements))):
             low, high = limits.get(name, (0.0, np.inf))
-            tables.append(Table(name, nodes, *given, zero + low, zero + high))
+            tables.append(FittedTable(name, nodes, *given, zero + low, zero + high))
         is_fitted = layout.has_correction and settings.ocv_nodes is not None
         if layout.has_correction:
             at = np.array(layout.ocv_nodes)
@@ -118,10 +118,10 @@ class TableObjective(LinearObjective):
                 slopes = [record.cell.least_ocv_slopes(at) for record in records]
                 low[1:] = -np.diff(at) * np.min(slopes, axis=0)
             name = OCV if is_fitted else OCV_CORRECTION
-            tables.append(Table(name, at, 1.0, ridge, low, high, settings.rising_ocv))
+            tables.append(FittedTable(name, at, 1.0, ridge, low, high, settings.rising_ocv))
         if layout.has_amplitude:
             ridge = max(ridge, GAP_RIDGE) if is_fitted else ridge
-            tables.append(Table(HALF_HYSTERESIS, nodes, 1.0, ridge, zero, infinite))
+            tables.append(FittedTable(HALF_HYSTERESIS, nodes, 1.0, ridge, zero, infinite))
         return tuple(tables)
 
     @property
@@ -312,7 +312,7 @@ class TableObjective(LinearObjective):
         )
 
 
-def _unit(table: Table) -> Float[np.ndarray, "nodes nodes"]:
+def _unit(table: FittedTable) -> Float[np.ndarray, "nodes nodes"]:
     """A table's values from its unknowns."""
     count = len(table.nodes)
     return np.tril(np.ones((count, count))) if table.rises else np.eye(count)

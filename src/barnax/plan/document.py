@@ -34,7 +34,7 @@ Options = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
-class Part:
+class FileRole:
     """A file, or a part of one, and what it serves for.
 
     `kind` says what it is: a drive cycle, a pulse test, unreadable and so on. `span_s` cuts a file
@@ -87,14 +87,14 @@ class Plan(Brief):
     """
 
     command: Literal["identify", "hppc"]
-    parts: tuple[Part, ...]
+    parts: tuple[FileRole, ...]
     options: Options = field(default_factory=dict)
     reasons: Mapping[str, str] = field(default_factory=dict)
     missing: str = ""
     window: Window = field(default_factory=Window)
     warnings: tuple[Notice, ...] = ()
 
-    def of_role(self, role: Use) -> tuple[Part, ...]:
+    def of_role(self, role: Use) -> tuple[FileRole, ...]:
         """The parts that serve for a role."""
         return tuple(part for part in self.parts if part.role == role)
 
@@ -195,7 +195,7 @@ _FIELD_OF = {_OPTION_OF[one.name]: one.name for one in fields(Window) if one.nam
 _FINDINGS = ("kind", "reason", "sha256", "temperature_degc", "plans_soc", "sampling")
 # The types of options of a record, of the run by the names of `barnax.identify` (one capacity for
 # all records is one too) beside what a plan has of its own, and of what a file's table may hold.
-_PART = get_type_hints(Part)
+_PART = get_type_hints(FileRole)
 _OF_RECORD = {option: get_type_hints(Window)[name] for option, name in _FIELD_OF.items()}
 _OF_PLAN = {"command": get_type_hints(Plan)["command"], "reasons": dict[str, str]}
 _OF_RUN = {**_OF_PLAN, **_OF_RECORD, **{name: OPTIONS[name] for name in PLANNED}}
@@ -238,7 +238,7 @@ def plan_to_toml(plan: Plan) -> str:
     )
 
 
-def _table(part: Part, common: Mapping[str, Any]) -> dict[str, Any]:
+def _table(part: FileRole, common: Mapping[str, Any]) -> dict[str, Any]:
     paths = [*map(str, part.paths)]
     table: dict[str, Any] = {"file": paths if part.more else paths[0], "role": part.role}
     if part.span_s is not None:
@@ -318,7 +318,7 @@ def folders_in(path: Path) -> tuple[Path, ...]:
     return tuple(dict.fromkeys(at.parent for one in files for at in (path.parent / one, one)))
 
 
-def _part(shown: str, table: Mapping[str, Any], common: Window) -> Part:
+def _part(shown: str, table: Mapping[str, Any], common: Window) -> FileRole:
     given = _read(shown, table, _OF_FILE)
     missing = [key for key in ("file", "role") if not given.get(key)]
     if missing:
@@ -334,11 +334,13 @@ def _part(shown: str, table: Mapping[str, Any], common: Window) -> Part:
     except InputError as problem:
         raise InputError(f"{shown}: {file}: {as_keys(str(problem))}") from problem
     paths = {"path": Path(file), "more": tuple(map(Path, more))}
-    part = Part(**paths, name=name, role=role, window=window, span_s=span, **findings)
+    part = FileRole(**paths, name=name, role=role, window=window, span_s=span, **findings)
     return replace(part, window=merged(common, window)) if part.is_simulated else part
 
 
-def _named(parts: tuple[Part, ...], folder: Path) -> tuple[tuple[Part, ...], tuple[Notice, ...]]:
+def _named(
+    parts: tuple[FileRole, ...], folder: Path
+) -> tuple[tuple[FileRole, ...], tuple[Notice, ...]]:
     """The parts where they lie, by the names that results will call their files, and warnings."""
     used = (path for part in parts if part.role != "not used" for path in part.paths)
     names = file_names(used)

@@ -13,7 +13,7 @@ from ..errors import InputError, counted, printable
 from ..model.window import Window
 from ..notices import Notice
 from ..records.fingerprint import Content
-from .document import ROLES, SIMULATED, Part, Plan, Use
+from .document import ROLES, SIMULATED, FileRole, Plan, Use
 from .looking import CandidateFile, Files, is_same_degc
 from .ocv import OcvChoice, Started, ocv_at, ocv_reason, started
 
@@ -106,7 +106,7 @@ class Draft:
                 window = replace(window, temperature_degc=file.temperature_degc)
                 self.taken[file] = role, reason, window
 
-    def parts(self) -> tuple[Part, ...]:
+    def parts(self) -> tuple[FileRole, ...]:
         """Every file: those that serve first, by their role, the best to identify on first.
 
         Pulse tests have the OCV of their rests, but beside an OCV test they are named as one too.
@@ -116,7 +116,7 @@ class Draft:
         is_given = any(role == "OCV test" for role, *_ in self.taken.values())
         for file in dict.fromkeys((*best, *self.files)):
             role, reason, window = self.taken[file]
-            part = Part(
+            part = FileRole(
                 file.path,
                 file.name,
                 role,

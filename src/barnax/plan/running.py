@@ -26,7 +26,7 @@ from ..records.source import STDIN
 from ..result_parts import InputPart
 from ..settings import OVER_TEMPERATURE, Reading
 from .choosing import options_of, plan
-from .document import SIMULATED, Part, Plan, Use, plan_from_toml
+from .document import SIMULATED, FileRole, Plan, Use, plan_from_toml
 from .draft import Draft
 from .looking import CandidateFile, by_temperature, look
 from .ocv import OcvChoice, Started
@@ -155,7 +155,7 @@ def _sources(made: Plan, role: Use, reading: Reading) -> list[Any]:
     return [_source(part, reading) for part in made.of_role(role)]
 
 
-def _source(part: Part, reading: Reading) -> Any:
+def _source(part: FileRole, reading: Reading) -> Any:
     if part.span_s is None and part.sampling is None and not part.more:
         return part.source or part.path
     source = part.source or joined([read_source(path, **reading.of_tables) for path in part.paths])

@@ -83,7 +83,7 @@ FURTHER_FONTS: Final = (
 
 
 @dataclass(frozen=True)
-class Layout:
+class FigureLayout:
     """The width of figures, and their height and letters relative to those of a page."""
 
     width_in: float
@@ -92,10 +92,10 @@ class Layout:
     max_in_legend: int = 5
 
 
-PAGE: Final = Layout(7.0)
+PAGE: Final = FigureLayout(7.0)
 # A column of most journals; letters of 7 pt.
-COLUMN: Final = Layout(3.5, 0.8, 7 / 9, 2)
-_layout: ContextVar[Layout] = ContextVar("layout", default=PAGE)
+COLUMN: Final = FigureLayout(3.5, 0.8, 7 / 9, 2)
+_layout: ContextVar[FigureLayout] = ContextVar("layout", default=PAGE)
 
 
 @contextmanager

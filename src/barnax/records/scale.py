@@ -19,7 +19,7 @@ from .columns import Column
 from .quantities import CELL_RANGE_V, QUANTITY_OF
 from .samples import COUNTERS, Samples
 from .table import notice_at
-from .witnesses import CERTAIN, CHARGE, LEAST_A, Reading, Witness, witnesses_of
+from .witnesses import CERTAIN, CHARGE, LEAST_A, UnitReading, Witness, witnesses_of
 
 Channel = Float[np.ndarray, "samples"]
 
@@ -82,7 +82,7 @@ def _with_unusual(samples: Samples) -> Samples:
     return samples
 
 
-def _best(samples: Samples, witnesses: Sequence[Witness]) -> list[Reading]:
+def _best(samples: Samples, witnesses: Sequence[Witness]) -> list[UnitReading]:
     """The readings of the largest weight; none where the units as they are agree best."""
     readings = []
     for reading in _readings(samples):
@@ -97,7 +97,7 @@ def _best(samples: Samples, witnesses: Sequence[Witness]) -> list[Reading]:
     return [reading for reading in best if reading not in currents[1:]]
 
 
-def _readings(samples: Samples) -> Iterator[Reading]:
+def _readings(samples: Samples) -> Iterator[UnitReading]:
     """The other units that a quantity may be in, which the user has not given."""
     time, current = samples.columns["time"], samples.columns["current"]
     # Clock times have no unit, and dates one of their own.
@@ -107,25 +107,25 @@ def _readings(samples: Samples) -> Iterator[Reading]:
         for unit in dict.fromkeys(QUANTITY_OF["time"].units.values()):
             if unit != time.unit:
                 factor = unit.factor / time.unit.factor
-                yield Reading("time", ("time",), unit, factor, unit.words)
+                yield UnitReading("time", ("time",), unit, factor, unit.words)
         if time.unit.factor == 1 and not time.is_unit_assumed:
             twice = "converted to seconds twice"
-            yield Reading("time", ("time",), None, 1 / 60, f"minutes, {twice}")
-            yield Reading("time", ("time",), None, 1 / 3600, f"hours, {twice}")
+            yield UnitReading("time", ("time",), None, 1 / 60, f"minutes, {twice}")
+            yield UnitReading("time", ("time",), None, 1 / 3600, f"hours, {twice}")
     # By factors, for a current may be given as the charge of every interval.
     units = {unit.factor: unit for unit in QUANTITY_OF["current"].units.values()}
     named = units.pop(current.unit.factor)
     for unit in () if current.is_unit_given else units.values():
         words = f"{unit.words}, not {named.words}"
-        yield Reading("current", ("current",), unit, unit.factor / named.factor, words)
+        yield UnitReading("current", ("current",), unit, unit.factor / named.factor, words)
     names = tuple(name for name in COUNTERS if name in samples.columns)
     counters = [samples.columns[name] for name in names]
     if counters and not any(column.is_unit_given or column.unit.factor != 1 for column in counters):
         unit = QUANTITY_OF["net capacity"].units["mah"]
-        yield Reading(CHARGE, names, unit, unit.factor, unit.words)
+        yield UnitReading(CHARGE, names, unit, unit.factor, unit.words)
 
 
-def _settled(samples: Samples, best: list[Reading]) -> Samples:
+def _settled(samples: Samples, best: list[UnitReading]) -> Samples:
     """The samples in the unit that is told, and the notice of it."""
     reading, kind = best[0], best[0].quantity
     column = samples.columns[reading.names[0]]
@@ -144,7 +144,7 @@ def _settled(samples: Samples, best: list[Reading]) -> Samples:
         values |= {"rename": "divided", "divisor": 1 / reading.factor}
     at = int(np.argmax(np.abs(samples.current_a))) if kind == "current" else 0
     if len(best) > 1 or (reading.weight < CERTAIN and is_free and kind == "time"):
-        as_it_is = Reading(kind, reading.names, column.unit, 1.0)
+        as_it_is = UnitReading(kind, reading.names, column.unit, 1.0)
         choices = []
         for one in (one for one in (as_it_is, *best) if one.unit is not None):
             apart = f" (samples {samples.apart_s * one.factor:.3g} s apart)"

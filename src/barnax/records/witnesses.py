@@ -16,7 +16,7 @@ CERTAIN = 1.5
 
 
 @dataclass(frozen=True)
-class Reading:
+class UnitReading:
     """Columns in another unit: by how much their values change, the unit in words, what tells.
 
     Without a `unit` they were converted twice. `weight` is that of the witnesses that it brings to
@@ -52,7 +52,7 @@ class Witness:
     weight: float = 1.0
     follows: float = 1.0
 
-    def vote(self, reading: Reading) -> float:
+    def vote(self, reading: UnitReading) -> float:
         """What it gives a reading: its weight where only that agrees, less where only that does
         not."""
         value = self.value * reading.factor ** self.powers.get(reading.quantity, 0)

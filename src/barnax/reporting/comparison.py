@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from ..global_optimum.search import optimality_gap
 from ..search.answers import SAME_RMSE
-from .document import Document, Picture
+from .document import Page, Picture
 from .identification import search_boxes
 from .illustrations import record_roles
 from .view import View
@@ -29,7 +29,7 @@ def comparison_document(
     result: "ComparisonResult",
     illustrations: Iterable[Picture] = (),
     seconds: Mapping[str, float] | None = None,
-) -> Document:
+) -> Page:
     """The whole report of a comparison, ready for `to_html` and `to_markdown`.
 
     `illustrations` come from `comparison_illustrations`; `seconds` are the times of the rows by
@@ -51,7 +51,7 @@ def comparison_document(
 
 
 @dataclass(frozen=True)
-class OnRecord:
+class RecordFindings:
     """Findings of a comparison on one record: the errors of each row, and their differences."""
 
     name: str
@@ -81,7 +81,7 @@ class OnRecord:
         return None
 
 
-def on_records(result: "ComparisonResult") -> list[OnRecord]:
+def on_records(result: "ComparisonResult") -> list[RecordFindings]:
     """The findings on the identification record, then on those for validation."""
     errors = {row.name: row.errors for row in result.answered}
     records = []
@@ -93,7 +93,7 @@ def on_records(result: "ComparisonResult") -> list[OnRecord]:
             if difference.record == name and difference.is_validation == is_validation
         ]
         of_rows = {row: of_row[number] for row, of_row in errors.items()}
-        records.append(OnRecord(name, is_validation, of_rows, differences))
+        records.append(RecordFindings(name, is_validation, of_rows, differences))
     return records
 
 
@@ -125,7 +125,7 @@ def verdict_facts(result: "ComparisonResult") -> dict[str, Any]:
     }
 
 
-def _best_of_both(on: OnRecord, plain: str, rich: str) -> str | None:
+def _best_of_both(on: RecordFindings, plain: str, rich: str) -> str | None:
     """The method with the lowest errors of both models, None where none ran both."""
     methods = [row.removesuffix(f" {plain}") for row in on.errors if row.endswith(f" {plain}")]
     ran = [method for method in methods if f"{method} {rich}" in on.errors]
@@ -133,7 +133,7 @@ def _best_of_both(on: OnRecord, plain: str, rich: str) -> str | None:
     return min(ran, key=both_v.__getitem__, default=None)
 
 
-def _effect(on: OnRecord, plain: str, rich: str) -> dict[str, Any]:
+def _effect(on: RecordFindings, plain: str, rich: str) -> dict[str, Any]:
     """The effect of one model instead of another; "same" too where chance alone explains it."""
     plain_v, change_v = on.rmse_v(plain), on.rmse_v(rich) - on.rmse_v(plain)
     tested = on.between(rich, plain)
@@ -156,7 +156,7 @@ def refined_circuits(result: "ComparisonResult") -> dict[str, tuple["RefinedSeed
     return refined
 
 
-def shown_differences(result: "ComparisonResult", on: OnRecord) -> "list[Difference]":
+def shown_differences(result: "ComparisonResult", on: RecordFindings) -> "list[Difference]":
     """The differences between rows on one record; of many pairs, those with the leader and those
     of one method."""
     if len(on.differences) <= ALL_PAIRS:

@@ -11,7 +11,7 @@ from ..experiment.prior import UNKNOWN_LOW_SOC
 from ..experiment.protocol import LOW_SOC
 from ..experiment.stored import followed, halves_of, is_enough
 from .design_forms import EMPTYING
-from .document import Document, Lines, screen
+from .document import Entries, Page, screen
 from .wording import blocks, sentences
 from .words import figures, joined, millivolt, symbol, with_unit
 
@@ -34,19 +34,19 @@ FIRST_PIECES, LAST_PIECES = 8, 2
 AGREES = 0.25
 
 
-def planned_screen(prior: "Prior", chosen: Sequence[str] = ()) -> Document:
+def planned_screen(prior: "Prior", chosen: Sequence[str] = ()) -> Page:
     """The assumptions that a test is planned on: the capacity, the SOC that it stays in, the
     largest currents that are not among the options `chosen`, and records that do not count."""
     is_usual = prior.rates_c == type(prior).rates_c
     least_soc = {"known": LOW_SOC, "unknown": UNKNOWN_LOW_SOC}
-    return screen([Lines(sentences("design.plan", prior, chosen, is_usual, least_soc))])
+    return screen([Entries(sentences("design.plan", prior, chosen, is_usual, least_soc))])
 
 
-def design_screen(design: "Design") -> Document:
+def design_screen(design: "Design") -> Page:
     """The test's hours and predicted intervals, its pieces, and the steps to take before it; or
     that none is needed, as the earlier records tell what is wanted."""
     facts = _facts(design)
-    lines = Lines(sentences("design.screen", design, facts))
+    lines = Entries(sentences("design.screen", design, facts))
     if not design.is_needed:
         return screen([lines])
     pieces = blocks("design.pieces", [*_pieces(design)], FIRST_PIECES, LAST_PIECES)
@@ -118,14 +118,14 @@ def _pieces(design: "Design") -> Iterator[dict[str, Any]]:
         }
 
 
-def promised_screen(design: "Design", result: "Result") -> Document:
+def promised_screen(design: "Design", result: "Result") -> Page:
     """The promises of a design beside what an identification reached."""
     if result.tables is None:
-        return screen([Lines(sentences("design.kept", True, []))])
+        return screen([Entries(sentences("design.kept", True, []))])
     is_alone = len(result.of_role("identification")) == 1
     lines = sentences("design.kept", False, [*_differences(design, result)])
     promises, earlier = _promises(design, result.fit, is_alone), () if is_alone else design.earlier
-    return screen([*blocks("design.promises", promises, earlier, TOGETHER), Lines(lines)])
+    return screen([*blocks("design.promises", promises, earlier, TOGETHER), Entries(lines)])
 
 
 def _differences(design: "Design", result: "Result") -> Iterator[str]:

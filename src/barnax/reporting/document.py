@@ -33,14 +33,14 @@ class Bullets:
 
 
 @dataclass(frozen=True)
-class Lines:
+class Entries:
     """Sentences that begin with a head and a colon, each beside its head."""
 
     items: tuple[str, ...]
 
 
 @dataclass(frozen=True)
-class Column:
+class Head:
     """A column's head, its unit where it has one, and whether it holds numbers."""
 
     name: str
@@ -52,14 +52,14 @@ class Column:
         return f"{self.name} [{self.unit}]" if self.unit else self.name
 
 
-def column(head: str, role: Role) -> Column:
+def column(head: str, role: Role) -> Head:
     """The column of a head such as "R0 [mOhm]"."""
     name, _, unit = head.partition(" [")
-    return Column(name, unit.removesuffix("]"), role)
+    return Head(name, unit.removesuffix("]"), role)
 
 
 @dataclass(frozen=True)
-class Table:
+class ReportTable:
     """Rows under columns.
 
     `best` are the cells (row, column) to be read first, `joined` the columns that stay beside the
@@ -69,7 +69,7 @@ class Table:
     """
 
     caption: str
-    columns: tuple[Column, ...]
+    columns: tuple[Head, ...]
     rows: tuple[tuple[str, ...], ...]
     best: frozenset[tuple[int, int]] = frozenset()
     joined: frozenset[int] = frozenset()
@@ -175,7 +175,7 @@ def _encoded(figure: "Figure", kind: Literal["png", "svg"]) -> bytes:
     return encode(figure, kind, PICTURE_DPI)
 
 
-Block = Paragraph | Bullets | Lines | Table | Picture
+Block = Paragraph | Bullets | Entries | ReportTable | Picture
 
 
 @dataclass(frozen=True)
@@ -187,14 +187,14 @@ class Section:
 
 
 @dataclass(frozen=True)
-class Document:
+class Page:
     """A whole report; `summary` stands above its sections where none of them is a verdict."""
 
     title: str
     summary: str
     sections: tuple[Section, ...]
 
-    def with_option_names(self, named: Callable[[str], str]) -> "Document":
+    def with_option_names(self, named: Callable[[str], str]) -> "Page":
         """The same document with every text of it as `named` has it, which names its options."""
         return _renamed(self, named)
 
@@ -205,9 +205,9 @@ class Document:
         return tuple(block for block in blocks if isinstance(block, Picture))
 
 
-def screen(*groups: Iterable[Block]) -> Document:
+def screen(*groups: Iterable[Block]) -> Page:
     """Groups of blocks without titles, which a terminal indents, a blank line before each."""
-    return Document("", "", tuple(Section("", tuple(blocks)) for blocks in groups))
+    return Page("", "", tuple(Section("", tuple(blocks)) for blocks in groups))
 
 
 def _renamed(value: Any, named: Callable[[str], str]) -> Any:
@@ -215,7 +215,7 @@ def _renamed(value: Any, named: Callable[[str], str]) -> Any:
         return named(value)
     if isinstance(value, tuple):
         return tuple(_renamed(item, named) for item in value)
-    if isinstance(value, Document | Section | Paragraph | Bullets | Lines | Table):
+    if isinstance(value, Page | Section | Paragraph | Bullets | Entries | ReportTable):
         changed = {
             field.name: _renamed(getattr(value, field.name), named)
             for field in fields(value)

@@ -12,7 +12,7 @@ from ..cell.soc_axis import ABOVE_SOC
 from ..checks.roles import are_unfit
 from ..plan.choosing import MAKE_RECORD
 from ..settings import OVER_TEMPERATURE
-from .document import Document
+from .document import Page
 from .pulses import middle_facts
 from .view import View
 from .wording import document, wording
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ..results import Result
 
 
-def first_screen(result: "Result") -> Document:
+def first_screen(result: "Result") -> Page:
     """The answer's errors and parameters, how far to believe it, and the assumptions behind it."""
     return document("screen", view=View(result), middle_facts=middle_facts(result))
 

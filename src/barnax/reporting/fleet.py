@@ -8,7 +8,7 @@ import polars as pl
 
 from ..errors import as_keys
 from ..files import csv_text
-from .document import Document, Picture
+from .document import Page, Picture
 from .view import View
 from .wording import document
 from .words import gathered, millivolt
@@ -44,7 +44,7 @@ def fleet_illustrations(rows: pl.DataFrame, worst: "Mapping[str, Evaluation]") -
     return pictures
 
 
-def fleet_document(summary: "Summary", illustrations: Sequence[Picture] = ()) -> Document:
+def fleet_document(summary: "Summary", illustrations: Sequence[Picture] = ()) -> Page:
     """The whole report."""
     from ..fleet.summary import OUTLYING
 
@@ -67,7 +67,7 @@ def problem_lines(cells: "Sequence[FleetCell]", settings: Mapping[str, Any]) -> 
 MOST_SHOWN = 24
 
 
-def pack_document(pack: "Pack") -> Document:
+def pack_document(pack: "Pack") -> Page:
     """The pack as the screen shows it."""
     from ..pack import FEWEST
 

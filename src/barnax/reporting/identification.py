@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import InputError
 from ..files import write_whole
 from ..results import Result
-from .document import Document, Picture
+from .document import Page, Picture
 from .illustrations import identification_illustrations
 from .pulses import pulse_facts
 from .render import to_fragment, to_html, to_markdown
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 def identification_document(
     result: Result, illustrations: Iterable[Picture] = (), *, summary_only: bool = False
-) -> Document:
+) -> Page:
     """The whole report of an identification, ready for HTML, Markdown or a terminal.
 
     `illustrations` come from `identification_illustrations`; `summary_only` leaves it at the
@@ -35,7 +35,7 @@ def identification_document(
     return document("report", illustrations, view=View(result), **facts)
 
 
-def choice_document(result: Result) -> Document:
+def choice_document(result: Result) -> Page:
     """How the circuit of a result was chosen."""
     return document("chosen", view=View(result))
 

@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 
 from ..life import QUANTITIES, SHIFT
-from .document import Document, Picture
+from .document import Page, Picture
 from .wording import document, sentences
 from .words import quantity_name
 
@@ -31,7 +31,7 @@ def life_lines(life: "Life") -> list[str]:
     ]
 
 
-def life_document(life: "Life", drawn: Sequence[Picture]) -> Document:
+def life_document(life: "Life", drawn: Sequence[Picture]) -> Page:
     """The page of the fleet."""
     facts: dict[str, Any] = {"quantities": _quantities(life), "is_judged": _is_judged(life)}
     facts |= {"most": MOST_ROWS, "last": _last, "causes": _causes(life)[:MOST_ROWS]}
@@ -39,7 +39,7 @@ def life_document(life: "Life", drawn: Sequence[Picture]) -> Document:
     return document("life_page", drawn, life=life, **facts)
 
 
-def cell_document(life: "Life", cell: str, drawn: Sequence[Picture]) -> Document:
+def cell_document(life: "Life", cell: str, drawn: Sequence[Picture]) -> Page:
     """The page of a cell."""
     trends = {
         quantity: (_shown(quantity), trend)

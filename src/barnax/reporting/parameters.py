@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..files import csv_text
 from ..over_soc.node_interval import Fact, parts_of
 from ..results import Result
-from .document import Document
+from .document import Page
 from .render import to_fragment
 from .wording import document
 from .words import (
@@ -197,7 +197,7 @@ class SideBySide:
             a factor of two.
     """
 
-    document: Document
+    document: Page
     differing: Mapping[str, tuple[str, ...]]
     too_wide: Mapping[str, tuple[str, ...]]
 

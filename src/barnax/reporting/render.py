@@ -13,7 +13,7 @@ from markupsafe import Markup, escape
 from rich.cells import cell_len
 
 from ..plots import Kind, encode
-from .document import Bullets, Document, Paragraph, Picture, Table
+from .document import Bullets, Page, Paragraph, Picture, ReportTable
 
 # Markdown's special characters. Brackets count only where a link could follow, and underscores
 # only at the edge of a word: units and file names are full of them.
@@ -33,7 +33,7 @@ def escape_markdown(text: str) -> str:
     return LEADING.sub(r"\1\\\2", escaped)
 
 
-def table_lines(table: Table) -> str:
+def table_lines(table: ReportTable) -> str:
     """A table whose columns are aligned in the source too."""
     columns = []
     for index, column in enumerate(table.columns):
@@ -48,7 +48,7 @@ def table_lines(table: Table) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in zip(*columns, strict=True))
 
 
-BLOCKS = (Paragraph, Bullets, Table, Picture)
+BLOCKS = (Paragraph, Bullets, ReportTable, Picture)
 # Resolution of the parts of a vector figure that are drawn as pictures.
 PAPER_DPI = 600
 MEDIA_TYPES = {".png": "image/png", ".svg": "image/svg+xml"}
@@ -56,7 +56,7 @@ MEDIA_TYPES = {".png": "image/png", ".svg": "image/svg+xml"}
 UNSEEN = {"Cc", "Cf", "Cs"}
 
 
-def to_html(document: Document) -> str:
+def to_html(document: Page) -> str:
     """One file that needs no other and no network, and is complete where scripts do not run.
 
     Where a picture has a live form the page holds one script, which its policy allows by hash.
@@ -82,7 +82,7 @@ def _script() -> str:
     return "\n".join(templates.loader.get_source(templates, name)[0] for name in names)
 
 
-def to_markdown(document: Document) -> str:
+def to_markdown(document: Page) -> str:
     """The same as GitHub's Markdown; its images are looked for in the folder figures.
 
     They are the document's `pictures`, each under its name and suffix.
@@ -91,7 +91,7 @@ def to_markdown(document: Document) -> str:
     return template.render(document=document).rstrip("\n") + "\n"
 
 
-def to_fragment(document: Document) -> str:
+def to_fragment(document: Page) -> str:
     """The document as HTML without a head or style of its own, for a notebook."""
     return _templates(for_html=True).get_template("fragment.html").render(document=document)
 

@@ -14,7 +14,7 @@ from rich.table import Table as Shown
 from rich.text import Text
 
 from ..errors import printable
-from .document import Block, Bullets, Column, Document, Lines, Paragraph, Table
+from .document import Block, Bullets, Entries, Head, Page, Paragraph, ReportTable
 
 # The looks of tables with a line below the heads, and of those without.
 LINED: dict[str, Any] = {"box": box.SIMPLE_HEAD, "header_style": "cyan"}
@@ -44,7 +44,7 @@ class Screen:
         yield from self.parts(options.max_width)
 
 
-def to_terminal(document: Document) -> Screen:
+def to_terminal(document: Page) -> Screen:
     """A document with its tables, without its pictures; what has no title is indented."""
 
     def parts(width: int) -> Iterator[RenderableType]:
@@ -59,12 +59,12 @@ def to_terminal(document: Document) -> Screen:
     return Screen(parts)
 
 
-def terminal_table(table: Table) -> Screen:
+def terminal_table(table: ReportTable) -> Screen:
     """A document's table as a terminal shows it, its caption as wide as the terminal."""
     return Screen(lambda width: _parts(table, width))
 
 
-def to_text(document: Document) -> str:
+def to_text(document: Page) -> str:
     """The same as plain text."""
     drawn = Console(width=TEXT_WIDTH, color_system=None).render(to_terminal(document))
     text = "".join(segment.text for segment in drawn if not segment.control)
@@ -101,11 +101,11 @@ def _parts(block: Block, width: int) -> Iterator[RenderableType]:
     elif isinstance(block, Bullets):
         for item in block.items:
             yield from headed("-", item, width, 3, "not bold yellow" * block.are_warnings)
-    elif isinstance(block, Lines):
+    elif isinstance(block, Entries):
         for item in block.items:
             head, _, text = item.partition(": ")
             yield from headed(head and f"{head}:", text, width)
-    elif isinstance(block, Table):
+    elif isinstance(block, ReportTable):
         yield from _Whole(block).parts(width)
         yield from (whole_line(line, "italic dim") for line in _wrapped(block.caption, width))
 
@@ -148,7 +148,7 @@ class _Whole:
     further columns stand below, beside the first one again.
     """
 
-    def __init__(self, table: Table):
+    def __init__(self, table: ReportTable):
         self.table = table
         # A line between columns is as wide as a space.
         self.pad, self.lines = (2, 0) if table.is_bare else (1, 1)
@@ -212,7 +212,7 @@ class _Whole:
         return shown
 
 
-def _head(column: Column, is_bare: bool) -> str:
+def _head(column: Head, is_bare: bool) -> str:
     if is_bare:
         return column.head
     name = column.name

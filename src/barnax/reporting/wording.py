@@ -36,13 +36,13 @@ from . import words
 from .document import (
     Block,
     Bullets,
-    Document,
-    Lines,
+    Entries,
+    Page,
     Paragraph,
     Picture,
+    ReportTable,
     Role,
     Section,
-    Table,
     column,
     parameter_heads,
     readable,
@@ -82,7 +82,7 @@ class Made(str):
     __slots__ = ()
 
 
-def document(template: str, pictures: Iterable[Picture] = (), **facts: Any) -> Document:
+def document(template: str, pictures: Iterable[Picture] = (), **facts: Any) -> Page:
     """The document that a template makes of facts; `pictures` are those that it asks for.
 
     A section without blocks is left out. Raises jinja2's `UndefinedError` for facts that are not
@@ -91,7 +91,7 @@ def document(template: str, pictures: Iterable[Picture] = (), **facts: Any) -> D
     return _document(_template(template).render(**facts), pictures)
 
 
-def _document(text: str, pictures: Iterable[Picture] = ()) -> Document:
+def _document(text: str, pictures: Iterable[Picture] = ()) -> Page:
     title, summary, left = "", "", list(pictures)
     sections: list[tuple[str, list[Block]]] = []
     caption, is_bare = "", False
@@ -115,12 +115,12 @@ def _document(text: str, pictures: Iterable[Picture] = ()) -> Document:
             sections[-1][1].extend(map(Paragraph, texts))
         else:
             items = tuple(texts)
-            sections[-1][1].append(Lines(items) if mark == ":" else Bullets(items, mark == "!"))
+            sections[-1][1].append(Entries(items) if mark == ":" else Bullets(items, mark == "!"))
     filled = (Section(name, tuple(parts)) for name, parts in sections if parts)
-    return Document(title, summary, tuple(filled))
+    return Page(title, summary, tuple(filled))
 
 
-def _table(caption: str, lines: Sequence[str], is_bare: bool) -> Table:
+def _table(caption: str, lines: Sequence[str], is_bare: bool) -> ReportTable:
     heads, rule, *rows = ([cell.strip() for cell in line.split("|")[:-1]] for line in lines)
     best = frozenset(
         (number, index)
@@ -131,7 +131,7 @@ def _table(caption: str, lines: Sequence[str], is_bare: bool) -> Table:
     cells = tuple(tuple(cell.strip("*").replace(BAR, "|") for cell in row) for row in rows)
     columns = (column(*one) for one in zip(heads, map(RULES.__getitem__, rule), strict=True))
     joined = frozenset(index for index, one in enumerate(rule) if one.startswith(":"))
-    return Table(caption, tuple(columns), cells, best, joined, is_bare)
+    return ReportTable(caption, tuple(columns), cells, best, joined, is_bare)
 
 
 def rendered(template: str, **facts: Any) -> str:
@@ -152,10 +152,10 @@ def blocks(name: str, *facts: Any) -> tuple[Block, ...]:
     )
 
 
-def table(name: str, *facts: Any) -> Table:
+def table(name: str, *facts: Any) -> ReportTable:
     """The one table of a macro."""
     (one,) = blocks(name, *facts)
-    assert isinstance(one, Table), f"{name} makes a table"
+    assert isinstance(one, ReportTable), f"{name} makes a table"
     return one
 
 

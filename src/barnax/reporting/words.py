@@ -11,7 +11,8 @@ from ..errors import counted as counted
 if TYPE_CHECKING:
     from ..over_soc.cross_validation import SocErrors
     from ..over_soc.node_interval import NodeInterval
-    from ..uncertainty import Band, Estimate, Profile
+    from ..uncertainty import Band, Estimate
+    from ..uncertainty.profiles import ParameterProfile
 
 NOTHING = "–"
 NOT_DETERMINED = "not determined"
@@ -338,7 +339,7 @@ def interval_beside(value: str, of: "NodeInterval") -> str:
     return without_unit(interval(of.name, of.low, of.high, of.value), value)
 
 
-def interval_under(head: str, of: "NodeInterval | Estimate | Profile") -> str:
+def interval_under(head: str, of: "NodeInterval | Estimate | ParameterProfile") -> str:
     """The same under the head of a column, without its unit."""
     text = interval(of.name, of.low, of.high, getattr(of, "value", None))
     return without_unit(text, head.replace("[", "").rstrip("]"))

@@ -28,7 +28,7 @@ from ..over_soc.problem import (
 )
 from ..over_soc.registration import register
 from ..over_soc.settings import TableSettings
-from .family import HYSTERESES, RUNGS, Ladder, Limits, Point
+from .family import HYSTERESES, RUNGS, Ladder, Point, Subfamily
 from .policy import Gain, Policy
 
 
@@ -88,7 +88,7 @@ class Choice:
 
 @in_float64
 def choose(
-    prepare: Callable[[str], Sequence[PreparedRecord]], settings: TableSettings, limits: Limits
+    prepare: Callable[[str], Sequence[PreparedRecord]], settings: TableSettings, limits: Subfamily
 ) -> Choice:
     """The circuit that the records support: from the simplest one on, the rung that lowers the loss
     most, as long as the policy keeps one.
@@ -107,7 +107,7 @@ class Bench:
 
     prepare: Callable[[str], Sequence[PreparedRecord]]
     settings: TableSettings
-    limits: Limits
+    limits: Subfamily
     policy: Policy = field(default_factory=Policy)
     tried: list[Tried] = field(default_factory=list)
 

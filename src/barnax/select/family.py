@@ -62,7 +62,7 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Limits:
+class Subfamily:
     """The part of the family that is tried.
 
     Args:
@@ -121,7 +121,7 @@ def limits_of(
     model: str | None = None,
     over_soc: bool | None = None,
     has_ocv: bool = False,
-) -> Limits:
+) -> Subfamily:
     """The part of the family for a cell.
 
     Args:
@@ -145,7 +145,7 @@ def limits_of(
         # Beside an OCV of the records' own, a hysteresis that is left out goes into resistances.
         others = RICHER.get(model, {}) if has_ocv else {}
         richer = {model: {ladder: others[ladder] for ladder in others if ladder == "hysteresis"}}
-        return Limits(model, nodes, richer, laws, has_ocv, is_asked=True)
+        return Subfamily(model, nodes, richer, laws, has_ocv, is_asked=True)
     is_bounded = bool(settings.ranges)
     start = "esc" if cell.has_flat_ocv else "1rc" if settings.folds and not is_bounded else "so-rc"
     gaps = {"hysteresis": has_ocv or cell.has_gap, "switched": cell.has_gap and not has_ocv}
@@ -158,4 +158,4 @@ def limits_of(
             if (ladder != "pairs" or not is_bounded) and gaps.get(ladder, True)
         }
         reached += richer[circuit].values()
-    return Limits(start, nodes, richer, laws, has_ocv)
+    return Subfamily(start, nodes, richer, laws, has_ocv)

@@ -12,5 +12,5 @@ from .covariance import Uncertainty as Uncertainty
 from .covariance import compile_linearization as compile_linearization
 from .identifiability import Identifiability as Identifiability
 from .identifiability import Undetermined as Undetermined
-from .profiles import Profile as Profile
+from .profiles import ParameterProfile as ParameterProfile
 from .profiles import profile as profile

@@ -19,7 +19,7 @@ from ..model.prepared import PreparedRecord
 from ..schema import Unstored
 from .covariance import Covariance, Estimate, Uncertainty, linear_end, linearize
 from .identifiability import Identifiability, identifiability
-from .profiles import Profile, profile
+from .profiles import ParameterProfile, profile
 
 if TYPE_CHECKING:
     from ..model.problem import Problem
@@ -161,7 +161,7 @@ class Examination(Brief):
     """
 
     rmse_v: float
-    profiles: tuple[Profile, ...]
+    profiles: tuple[ParameterProfile, ...]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -23,7 +23,7 @@ REACH = 2.0
 
 
 @dataclass(frozen=True)
-class Profile:
+class ParameterProfile:
     """The smallest RMSE for every one of some values of one parameter, the others refitted.
 
     The interval holds the values whose RMSE is not above `threshold_v`; an end is None where the
@@ -46,7 +46,7 @@ def profile(
     *,
     covariance: Covariance | None = None,
     objective: ConstantObjective | None = None,
-) -> Profile:
+) -> ParameterProfile:
     """The profile of a parameter under PyBaMM's name or of a time constant, `tau1 [s]`.
 
     With independent residuals the interval would end where the squared error has risen by t^2 s^2;
@@ -117,7 +117,7 @@ def profile(
         None if step is None else values[name] * math.exp(side * step)
         for side, step in ends.items()
     )
-    return Profile(
+    return ParameterProfile(
         name=name,
         value=values[name],
         values=tuple((values[name] * np.exp(steps)).tolist()),

@@ -1,5 +1,6 @@
 """Parameters as frames, and results side by side."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -109,6 +110,29 @@ def test_means_are_compared_over_the_soc_that_all_results_visit():
     assert f"{1e3 * whole.value:.3g}" != f"{1e3 * of_top_ohm[name]:.3g}"
     assert "The means are over 50-100 % SOC, which all results visit." in text
     assert "all results visit" not in repr(barnax.show(one, alike))
+
+
+def test_a_mean_over_most_of_its_soc_has_an_interval_about_as_narrow():
+    one, other = make_table_result(), make_table_result()
+    (fit,) = other.tables.fits
+    # The means are known to 1 %, each node by itself to 20 % only.
+    means = tuple(replace(one, low=0.99 * one.value, high=1.01 * one.value) for one in fit.means)
+    nodes = tuple(
+        replace(each, low=0.8 * each.value, high=1.2 * each.value)
+        if each.soc is not None else each
+        for each in fit.intervals
+    )  # fmt: skip
+    fit = replace(fit, means=means, intervals=nodes)
+    one = one.model_copy(update={"tables": replace(one.tables, fits=(fit,))})
+    first = min(node for node in fit.tables.nodes if node > 0.1)
+    visited = tuple(node >= first for node in fit.tables.nodes)
+    narrower = replace(fit, tables=replace(fit.tables, visited=visited))
+    other = other.model_copy(update={"tables": replace(other.tables, fits=(narrower,))})
+    (row,) = (line for line in repr(barnax.show(one, other)).split("\n") if "mean R0" in line)
+    shown = re.search(r"([\d.]+) mOhm \(([\d.]+) to ([\d.]+)\)", row)
+    value, low, high = map(float, shown.groups())
+    assert 0.95 * value < low < 0.985 * value
+    assert 1.015 * value < high < 1.05 * value
 
 
 def test_means_without_soc_in_common_are_not_compared():

@@ -133,18 +133,29 @@ def _ends(numbers: Iterable[Any]) -> list[Any]:
 
 
 def _mean_over(fit: "TableFit", mean: Fact, within: tuple[float, float] | None) -> Fact:
-    """A mean over part of its SOC. Its interval is that of nodes with one common error: it can only
-    be too wide."""
-    if within is None or within == fit.mean_soc:
+    """A mean over part of its SOC. Its interval can only be too wide: it is that of nodes with one
+    common error, or where that is narrower, of the mean over all less that of the rest."""
+    if within is None or fit.mean_soc is None or within == fit.mean_soc:
         return mean
+    length, whole = np.ptp(within), np.ptp(fit.mean_soc)
+    part = _integral(fit, mean.name, within)
+    rest = _integral(fit, mean.name, fit.mean_soc) - part
+    given = np.array([mean.low, mean.high], float)
+    low, high = part[1:] / length
+    less_low, less_high = (whole * given - rest[:0:-1]) / length
+    ends = [part[0] / length, np.fmax(low, less_low), np.fmin(high, less_high)]
+    value, low, high = _ends(ends)
+    return replace(mean, value=value, low=low, high=high)
+
+
+def _integral(fit: "TableFit", mean: str, within: tuple[float, float]) -> np.ndarray:
+    """Integrals over SOC of what a mean is of: of its values, and of both ends of its nodes."""
     total = np.zeros(3)
-    for name in parts_of(mean.name):
+    for name in parts_of(mean):
         soc, rows = _lines(fit, name)
         at = np.array([within[0], *(one for one in soc if within[0] < one < within[1]), within[1]])
-        lines = np.array([np.interp(at, soc, row) for row in rows])
-        total += np.trapezoid(lines, at) / np.ptp(at)
-    value, low, high = _ends(total)
-    return replace(mean, value=value, low=low, high=high)
+        total += np.trapezoid([np.interp(at, soc, row) for row in rows], at)
+    return total
 
 
 def _key(fact: Fact, result: Result, mean_soc: tuple[float, float] | None, are_apart: bool) -> Key:

@@ -31,8 +31,7 @@ from barnax.records.hold import sampled_as
 from barnax.run_setup import bounded_tables, fit_ocv
 from barnax.select.choose import Bench, Fitted
 from barnax.select.family import NODE_LADDER, Point, limits_of
-from benchmarks.pages import as_markdown, provenance, publish
-from benchmarks.real_cells.cases import given_folder
+from benchmarks.pages import as_markdown, given_folder, provenance, publish
 
 RESULTS = Path(__file__).parent / "results" / "choice.md"
 PROFILE = Window(start_after_step=3, initial_soc=1.0, score_steps=(7, 8), capacity_ah=2.0)

@@ -6,6 +6,8 @@ import importlib.metadata
 import io
 import os
 import platform
+import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -67,3 +69,18 @@ def provenance(command: str, key: int, *more_packages: str) -> dict[str, str]:
 def as_markdown(facts: dict[str, str]) -> str:
     """The facts as a list."""
     return "\n".join(f"- {name}: {fact}" for name, fact in facts.items())
+
+
+def data_folder(given: str | None) -> Path | None:
+    """The folder of measured cells, or None where there is none."""
+    folder = given or os.environ.get("BARNAX_SHARED_DATA")
+    path = Path(folder) if folder else Path(__file__).parents[2] / "shared" / "data"
+    return path if path.is_dir() else None
+
+
+def given_folder(arguments: Sequence[str]) -> Path:
+    """The folder of measured cells that a command was given, or where it is; ends without one."""
+    folder = data_folder(arguments[0] if arguments else None)
+    if folder is None:
+        sys.exit("the measured cells are not here; give their folder")
+    return folder

@@ -1,0 +1,1 @@
+"""What circuits of several tools leave on public records that they were not fitted to."""

@@ -1,0 +1,237 @@
+"""The tools on the board: each makes a circuit of one record, and predicts another with it."""
+
+import csv
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import least_squares, nnls
+from scipy.signal import lfilter
+
+import barnax
+from barnax import CircuitParameters, InputError
+from barnax.execution import in_float64
+from barnax.model.prepared import PreparedRecord, prepare_record
+from barnax.model.reference import errors_along
+
+from .records import Split
+
+# Errors in V of every simulated sample of a record.
+Predict = Callable[[PreparedRecord], np.ndarray]
+TAUS_S = np.geomspace(2, 1000, 16)
+NODES = np.linspace(0, 1, 9)
+# Weight of the tables' second differences, in mean squares of their columns.
+SMOOTH = 0.01
+STARTS = 10
+MEANS = ("R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]")
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """What a tool made of a record: how it predicts, how long it took, the errors in V on the
+    record left out, which of its samples are above 10 % SOC, and of how many intervals the truth
+    of the other record is inside."""
+
+    seconds: float
+    errors_v: np.ndarray
+    is_high: np.ndarray
+    intervals: tuple[int, int] = (0, 0)
+
+    def rmse_mv(self, is_high: bool) -> float:
+        """The RMSE above or below 10 % SOC."""
+        errors_v = self.errors_v[self.is_high == is_high]
+        return 1e3 * float(np.sqrt(np.mean(errors_v**2))) if len(errors_v) else math.nan
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A record every second, as tools without the record's own clock take it."""
+
+    time_s: np.ndarray
+    current_a: np.ndarray
+    over_v: np.ndarray
+    soc: np.ndarray
+    scored: np.ndarray
+
+    @classmethod
+    def of(cls, prepared: PreparedRecord) -> "Grid":
+        begin_s, end_s = prepared.time_s[0], prepared.time_s[-1]
+        time_s = np.arange(begin_s, end_s, 1.0)
+        at = np.searchsorted(prepared.time_s, time_s, side="right") - 1
+        over_v = prepared.voltage_v - prepared.source_v
+        over_v, soc = (np.interp(time_s, prepared.time_s, one) for one in (over_v, prepared.soc))
+        return cls(time_s, prepared.held_a[at], over_v, soc, prepared.scored[at])
+
+
+def responses(tau_s: float, drive_a: np.ndarray) -> np.ndarray:
+    """What an RC pair of 1 Ohm answers to currents held for a second each."""
+    decay = math.exp(-1 / tau_s)
+    return lfilter([0.0, 1 - decay], [1.0, -decay], drive_a, axis=0)
+
+
+def scipy_constants(prepared: PreparedRecord) -> Predict:
+    """Two RC pairs: the best of ten starts of SciPy's `least_squares` (trf), in logarithms."""
+    grid, rng = Grid.of(prepared), np.random.default_rng(0)
+    low, high = np.log([1e-4, 1e-4, 1e-4, 1, 30]), np.log([0.3, 0.3, 0.3, 60, 2000])
+
+    def residuals_v(logs: np.ndarray) -> np.ndarray:
+        r0, r1, r2, tau1_s, tau2_s = np.exp(logs)
+        pairs_v = r1 * responses(tau1_s, grid.current_a) + r2 * responses(tau2_s, grid.current_a)
+        return (grid.over_v + r0 * grid.current_a + pairs_v)[grid.scored]
+
+    starts = rng.uniform(low, high, (STARTS, 5))
+    answers = [least_squares(residuals_v, start, bounds=(low, high)) for start in starts]
+    r0, r1, r2, *taus_s = np.exp(min(answers, key=lambda one: one.cost).x)
+    return along(CircuitParameters.of_tau(r0, (r1, r2), taus_s))
+
+
+def projected_tables(prepared: PreparedRecord) -> Predict:
+    """Resistances at nine nodes over SOC: non-negative least squares for every two of sixteen time
+    constants, from one matrix of products."""
+    grid = Grid.of(prepared)
+    hats = np.stack([np.interp(grid.soc, NODES, row) for row in np.eye(len(NODES))], axis=1)
+    drives_a = hats * grid.current_a[:, None]
+    blocks = [drives_a, *(responses(tau_s, drives_a) for tau_s in TAUS_S)]
+    columns = np.concatenate(blocks, axis=1)[grid.scored]
+    products = columns.T @ columns
+    bends = np.diff(np.eye(len(NODES)), n=2, axis=0)
+    for at in range(0, len(products), len(NODES)):
+        block = products[at : at + len(NODES), at : at + len(NODES)]
+        block += SMOOTH * np.trace(block) / len(NODES) * bends.T @ bends
+    products += 1e-9 * np.trace(products) * np.eye(len(products))
+    target = -columns.T @ grid.over_v[grid.scored]
+    best = None
+    for pair in combinations(range(len(TAUS_S)), 2):
+        used = np.concatenate([np.arange(9) + 9 * block for block in (0, *(k + 1 for k in pair))])
+        factor = np.linalg.cholesky(products[np.ix_(used, used)])
+        side = np.linalg.solve(factor, target[used])
+        ohm, left = nnls(factor.T, side)
+        # What is left of the voltage, but for a constant.
+        value = left**2 - side @ side
+        if best is None or value < best[0]:
+            best = value, pair, np.maximum(ohm, 1e-9).reshape(3, 9)
+    assert best is not None, "there are pairs of time constants"
+    _, pair, (r0, *r) = best
+    return along(CircuitParameters.over_soc(NODES, TAUS_S[[*pair]], r0, r))
+
+
+def regression(prepared: PreparedRecord) -> Predict:
+    """The structure of PyBatteryID (Sheikh et al.): the overvoltage regressed on its two samples
+    before and on three currents, each by 1, SOC, 1 / SOC and log SOC; simulated freely."""
+    grid = Grid.of(prepared)
+
+    def rows(over_v: np.ndarray, one: Grid) -> np.ndarray:
+        soc = np.clip(one.soc[2:], 0.01, 1.0)
+        basis = np.stack([np.ones_like(soc), soc, 1 / soc, np.log(soc)], axis=1)
+        current_a = one.current_a
+        signals = over_v[1:-1], over_v[:-2], current_a[2:], current_a[1:-1], current_a[:-2]
+        return np.concatenate([basis * signal[:, None] for signal in signals], axis=1)
+
+    coefficients, *_ = np.linalg.lstsq(rows(grid.over_v, grid), grid.over_v[2:])
+
+    def predict(other: PreparedRecord) -> np.ndarray:
+        one = Grid.of(other)
+        of_current = rows(np.zeros_like(one.over_v), one) @ coefficients
+        bases = rows(np.ones_like(one.over_v), one)[:, :8]
+        first, second = bases[:, :4] @ coefficients[:4], bases[:, 4:] @ coefficients[4:8]
+        over_v = np.zeros_like(one.over_v)
+        for k, terms in enumerate(zip(of_current, first, second, strict=True), start=2):
+            over_v[k] = np.clip(
+                terms[0] + terms[1] * over_v[k - 1] + terms[2] * over_v[k - 2], -9, 9
+            )
+        simulated_v = other.source_v + np.interp(other.time_s, one.time_s, over_v)
+        return other.voltage_v - simulated_v
+
+    return predict
+
+
+def along(circuit: CircuitParameters) -> Predict:
+    """The errors of a circuit, sample by sample on the record's own clock."""
+    return in_float64(lambda prepared: errors_along(prepared, circuit))
+
+
+PEERS: dict[str, Callable[[PreparedRecord], Predict]] = {
+    "SciPy trf, ten starts, constants": scipy_constants,
+    "NumPy and SciPy nnls, tables": projected_tables,
+    "LPV regression (PyBatteryID's structure)": regression,
+}
+
+
+def with_barnax(split: Split) -> Fitted:
+    """`barnax.identify` as it comes; intervals of mean resistances against what the record left
+    out gives by itself."""
+    begin = time.perf_counter()
+    result = identified(split, split.fitted)
+    seconds = time.perf_counter() - begin
+    other = identified(split, split.left_out)
+    truth = {mean.name: mean.value for mean in other.fit.means}
+    given = [mean for mean in result.fit.means if mean.name in MEANS and mean.name in truth]
+    ends = [(mean.low, truth[mean.name], mean.high) for mean in given]
+    inside = sum(low is not None and low <= at <= (high or math.inf) for low, at, high in ends)
+    path, window = split.left_out
+    evaluation = result.validate(path, replace_capacity(window, split.capacity_ah))
+    prepared = evaluation.prepared
+    errors_v, soc = evaluation.error_v[prepared.scored], prepared.soc[prepared.scored]
+    return Fitted(seconds, errors_v, soc > 0.1, (inside, len(ends)))
+
+
+def identified(split: Split, part: tuple[Path, barnax.Window]) -> barnax.Result:
+    """A record by itself, with the OCV tests."""
+    path, window = part
+    return barnax.identify(path, ocv=split.ocv, window=window, capacity=split.capacity_ah)
+
+
+def replace_capacity(window: barnax.Window, capacity_ah: float | None) -> barnax.Window:
+    """The window with the capacity that is counted over."""
+    return barnax.Window(**{**vars(window), "capacity_ah": capacity_ah})
+
+
+@in_float64
+def prepared_of(split: Split) -> tuple[PreparedRecord, PreparedRecord]:
+    """The record to fit to and the one left out, with the OCV that every tool is given."""
+    tests = [barnax.read_record(path) for path in split.ocv]
+    cell = barnax.characterize(tests, capacity_ah=split.capacity_ah, ocv_fit="interpolated")
+    parts = (split.fitted, split.left_out)
+    first, second = (
+        prepare_record(barnax.read_record(path), cell, "so-rc", window) for path, window in parts
+    )
+    return first, second
+
+
+def with_peer(make: Callable[[PreparedRecord], Predict], split: Split) -> Fitted:
+    """A tool that is given what barnax has: OCV, start, capacity, and the counted samples."""
+    fitted, left_out = prepared_of(split)
+    begin = time.perf_counter()
+    predict = make(fitted)
+    seconds = time.perf_counter() - begin
+    errors_v = predict(left_out)[left_out.scored]
+    return Fitted(seconds, errors_v, left_out.soc[left_out.scored] > 0.1)
+
+
+def submitted(path: Path) -> CircuitParameters:
+    """A circuit from a CSV: `SOC` and `R0 [Ohm]`, `R1 [Ohm]`, ... with `tau1 [s]`, ... of which the
+    first row counts. Raises `InputError` for another one."""
+    with path.open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    try:
+        names = [name for name in rows[0] if name.startswith("R")]
+        taus_s = [float(rows[0][f"tau{pair} [s]"]) for pair in range(1, len(names))]
+        tables = [[float(row[name]) for row in rows] for name in sorted(names)]
+        nodes = [float(row["SOC"]) for row in rows]
+    except (KeyError, IndexError, TypeError, ValueError) as problem:
+        raise InputError(
+            f"{path}: no table of a circuit ({problem!r}); give the columns SOC, R0 [Ohm], "
+            "R1 [Ohm], tau1 [s] and so on, with a number in every row"
+        ) from problem
+    if len(nodes) == 1:
+        return CircuitParameters.of_tau(tables[0][0], [row[0] for row in tables[1:]], taus_s)
+    return CircuitParameters.over_soc(nodes, taus_s, tables[0], tables[1:])
+
+
+def median(values: Sequence[float]) -> float:
+    """The median of those that are numbers."""
+    return float(np.nanmedian(values)) if len(values) else math.nan

@@ -1,1 +1,0 @@
-"""Models on measured cells: where hysteresis helps, where not, and why."""

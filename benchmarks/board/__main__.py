@@ -87,8 +87,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         *summary(by_tool), "",
         "Medians over the sets. Every tool has the same OCV test, start, capacity and counted "
         "samples; seconds are wall time of the fit, with intervals and proof where a tool gives "
-        "them. Intervals: of how many mean resistances the 95 % interval of one record holds what "
-        "the record left out gives by itself, which has an error of its own.", "",
+        "them. Intervals: at how many nodes the 95 % interval of R0 holds what the record left "
+        "out gives by itself, which has an error of its own.", "",
         "| set | tool | above 10 % SOC [mV] | below [mV] | seconds | intervals |",
         "|---|---|--:|--:|--:|--:|", *rows, "",
         "## Where the records are", "", *sources(folder), "",

@@ -3,7 +3,7 @@
 import csv
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -14,9 +14,11 @@ from scipy.signal import lfilter
 
 import barnax
 from barnax import CircuitParameters, InputError
+from barnax.cell.parameters import OHMIC
 from barnax.execution import in_float64
 from barnax.model.prepared import PreparedRecord, prepare_record
 from barnax.model.reference import errors_along
+from barnax.over_soc.fit import TableFit
 
 from .records import Split
 
@@ -27,14 +29,13 @@ NODES = np.linspace(0, 1, 9)
 # Weight of the tables' second differences, in mean squares of their columns.
 SMOOTH = 0.01
 STARTS = 10
-MEANS = ("R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]")
 
 
 @dataclass(frozen=True)
 class Fitted:
     """What a tool made of a record: how it predicts, how long it took, the errors in V on the
-    record left out, which of its samples are above 10 % SOC, and of how many intervals the truth
-    of the other record is inside."""
+    record left out, which of its samples are above 10 % SOC, and how many intervals of R0 hold
+    that of the record left out, of how many."""
 
     seconds: float
     errors_v: np.ndarray
@@ -162,21 +163,27 @@ PEERS: dict[str, Callable[[PreparedRecord], Predict]] = {
 
 
 def with_barnax(split: Split) -> Fitted:
-    """`barnax.identify` as it comes; intervals of mean resistances against what the record left
-    out gives by itself."""
+    """`barnax.identify` as it comes; intervals of R0 against what the record left out gives."""
     begin = time.perf_counter()
     result = identified(split, split.fitted)
     seconds = time.perf_counter() - begin
-    other = identified(split, split.left_out)
-    truth = {mean.name: mean.value for mean in other.fit.means}
-    given = [mean for mean in result.fit.means if mean.name in MEANS and mean.name in truth]
-    ends = [(mean.low, truth[mean.name], mean.high) for mean in given]
-    inside = sum(low is not None and low <= at <= (high or math.inf) for low, at, high in ends)
+    inside = list(holds_r0(result.fit, identified(split, split.left_out).fit))
     path, window = split.left_out
     evaluation = result.validate(path, replace_capacity(window, split.capacity_ah))
     prepared = evaluation.prepared
     errors_v, soc = evaluation.error_v[prepared.scored], prepared.soc[prepared.scored]
-    return Fitted(seconds, errors_v, soc > 0.1, (inside, len(ends)))
+    return Fitted(seconds, errors_v, soc > 0.1, (sum(inside), len(inside)))
+
+
+def holds_r0(fit: TableFit, other: TableFit) -> Iterator[bool]:
+    """Whether the interval at every node that both visit holds the R0 of another record."""
+    span = other.mean_soc or (0.0, 1.0)
+    for node in fit.intervals:
+        if node.name != OHMIC or node.low is None or node.high is None:
+            continue
+        soc = 0.5 if node.soc is None else node.soc
+        if span[0] <= soc <= span[1]:
+            yield node.low <= float(other.tables.at(OHMIC, np.array(soc))) <= node.high
 
 
 def identified(split: Split, part: tuple[Path, barnax.Window]) -> barnax.Result:

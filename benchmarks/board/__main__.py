@@ -88,7 +88,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "Medians over the sets. Every tool has the same OCV test, start, capacity and counted "
         "samples; seconds are wall time of the fit, with intervals and proof where a tool gives "
         "them. Intervals: at how many nodes the 95 % interval of R0 holds what the record left "
-        "out gives by itself, which has an error of its own.", "",
+        "out gives by itself. They are of the record itself: the other one has an error of its "
+        "own, and another load and temperature, of which three records to fit to would tell.", "",
         "| set | tool | above 10 % SOC [mV] | below [mV] | seconds | intervals |",
         "|---|---|--:|--:|--:|--:|", *rows, "",
         "## Where the records are", "", *sources(folder), "",

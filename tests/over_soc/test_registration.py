@@ -3,6 +3,7 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
+import jax
 import numpy as np
 import pytest
 
@@ -16,9 +17,11 @@ from barnax.over_soc.fit import fit_tables, pooled_errors
 from barnax.over_soc.nuisances import reads_zero_at_rest
 from barnax.over_soc.registration import FAR_V, counted_alike, register_alone, rest_warnings
 from barnax.over_soc.settings import TableSettings
+from barnax.over_soc.starts import UntestedRecords
 from barnax.pipeline import _between_ends
 from barnax.records import read_record
 from barnax.run_setup import register_all
+from benchmarks import operation
 from helpers.known_cell import FEW_NODES, R0_OHM, R_OHM, SMALL, TAU_S, cell_with_ocv, made, ocv_v
 from helpers.problems import drive_a, simulated_record
 from helpers.reference import drop_v, filtered_response, make_record
@@ -86,6 +89,21 @@ def test_starts_and_capacities_are_found_up_to_the_axis(registered):
         assert known.capacity_high_ah - known.capacity_low_ah < 5e-3
         assert (known.given_soc, known.given_capacity_ah) == (1.0, 2.0)
         assert each.unregistered.initial_soc == 1.0
+
+
+@pytest.mark.slow
+def test_intervals_of_starts_hold_what_straight_lines_between_nodes_leave_out():
+    # Of a flat OCV that is steep at its ends; by the noise alone two capacities are outside.
+    cell = operation.Cell("LFP", False, 2)
+    logs, window = [*cell.logs()], Window(initial_soc=1.0, capacity_ah=2.0)
+    windows = {log.name: window for log in logs}
+    with jax.enable_x64(True):
+        starts = UntestedRecords.of(logs, windows, TableSettings(folds=0)).starts("so-rc")
+    true_soc, true_ah = cell.starts
+    for name, soc, capacity_ah in zip(windows, true_soc, true_ah, strict=True):
+        known = starts.windows[name].registration
+        assert known.soc_low < soc - true_soc.mean() + 1 < known.soc_high
+        assert known.capacity_low_ah < 2 * capacity_ah / true_ah.mean() < known.capacity_high_ah
 
 
 @pytest.mark.slow

@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
@@ -11,7 +11,7 @@ import numpy as np
 
 from .bundled import BUNDLED
 from .cell import CellModel, OcvTable, read_ocv_test
-from .cell.characterize import cell_of, over_temperatures
+from .cell.characterize import characterize, characterize_over_temperature
 from .checks import FileCheck, check_file
 from .checks.against_cell import compare_temperatures, compare_with_cell
 from .checks.roles import Kind, require_load
@@ -120,20 +120,15 @@ def _characterized(tests: Sequence[Record | OcvTable], job: Job) -> CellModel:
     rest_a = window_of(job.window, "").rest_current_a
     options: dict[str, Any] = {"capacity_ah": job.given_ah, "rest_current_a": rest_a}
     options |= job.of_curves
-    by_degc = group_tests(tests, job.window)
-    is_over = job.over == OVER_TEMPERATURE
-    if is_over and isinstance(by_degc, InputError):
-        raise by_degc
-    together = None if is_over and by_degc else cell_of(tests, **options)
-    if isinstance(together, CellModel):
-        return together
-    apart = {} if isinstance(by_degc, InputError) else dict(sorted(by_degc.items()))
-    cells = {degc: cell_of(alike, **options) for degc, alike in apart.items()}
-    refused = [one for one in (together, *cells.values()) if isinstance(one, InputError)]
-    usable = {degc: cell for degc, cell in cells.items() if isinstance(cell, CellModel)}
-    if not cells or len(usable) < len(cells):
-        raise refused[0]
-    return over_temperatures(usable)
+    if job.over == OVER_TEMPERATURE and (by_degc := group_tests(tests, job.window)):
+        return characterize_over_temperature(by_degc, **options)
+    try:
+        return characterize(tests, **options)
+    except InputError:
+        with suppress(InputError):
+            if by_degc := group_tests(tests, job.window):
+                return characterize_over_temperature(by_degc, **options)
+        raise
 
 
 def _checked(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from barnax.errors import InputError
-from barnax.model.prepared import prepare_record, try_record
+from barnax.model.prepared import prepare_record
 from barnax.model.problem import make_problem
 from barnax.model.window import Window
 from helpers.problems import simulated_record
@@ -266,11 +266,12 @@ def test_a_log_with_dates_is_known_by_them_for_each_clock_starts_at_zero(
     assert (told.value.notice.subject, told.value.code) == ("two", code)
 
 
-def test_what_a_record_cannot_have_is_an_answer(bundled_cell):
+def test_a_start_that_a_record_cannot_have_is_refused(bundled_cell):
     record, _ = made(bundled_cell, [(0.5, 3600), (0.0, 600)], 0.9)
     prepared = prepare_record(record, bundled_cell, "so-rc", Window(initial_soc=0.9))
     assert prepared.registered(0.85, bundled_cell.capacity_ah) is not None
     # By its charge it would end below empty.
     assert prepared.registered(0.1, bundled_cell.capacity_ah) is None
     for window in (Window(initial_soc=0.9, score_soc=(0.95, 1.0)), Window(start_time_s=1e6)):
-        assert isinstance(try_record(record, bundled_cell, "so-rc", window), InputError)
+        with pytest.raises(InputError):
+            prepare_record(record, bundled_cell, "so-rc", window)

@@ -64,64 +64,44 @@ def characterize(
 
     Raises `InputError` naming a record that is not an OCV test, and for an unknown fit.
     """
-    how = ocv_capacity_ah, ocv_fit, hysteresis_fit
-    cell = cell_of(tests, capacity_ah, *how, rest_current_a)
-    if isinstance(cell, InputError):
-        raise cell
-    return cell
-
-
-def cell_of(
-    tests: Tests,
-    capacity_ah: float | None,
-    ocv_capacity_ah: float | None = None,
-    ocv_fit: OcvFit = "interpolated",
-    hysteresis_fit: HysteresisFit = "continuous",
-    rest_current_a: float | None = None,
-) -> CellModel | InputError:
-    """The cell model of OCV tests, or why they make none; options are those of `characterize`."""
     if not tests:
-        return InputError("an OCV test is needed; no record was given")
+        raise InputError("an OCV test is needed; no record was given")
     given = (("capacity", capacity_ah, "Ah"), ("ocv_capacity", ocv_capacity_ah, "Ah"))
     for option, value, unit in (*given, ("rest_current", rest_current_a, "A")):
         if value is not None and not value > 0:
-            return InputError(f"`{option}` must be positive, in {unit}; {value} was given")
+            raise InputError(f"`{option}` must be positive, in {unit}; {value} was given")
     of_records = [
         find_sweeps(test, capacity_ah, rest_current_a) for test in tests if isinstance(test, Record)
     ]
     tables = [test for test in tests if isinstance(test, OcvTable)]
     for missing in (one.missing for one in of_records if one.missing):
-        return missing.error(".")
+        raise missing.error(".")
     sweeps = by_direction([sweep for one in of_records for sweep in one.sweeps])
-    if isinstance(sweeps, InputError):
-        return sweeps
     warnings = [warning for one in (*tables, *of_records) for warning in one.warnings]
     ways = [way for table in tables for way in table.branches] + [*sweeps]
     if len(set(ways)) < len(ways) or (EITHER in ways and len(ways) > 1):
         names = ", ".join(table.name for table in tables)
-        return InputError(
+        raise InputError(
             f"the OCV table {names} has a branch that another OCV test also has; give only one of "
             "them"
         )
     points = {way: branch for table in tables for way, branch in table.branches.items()}
     if sweeps:
         capacity = decide_capacity(sweeps, capacity_ah, ocv_capacity_ah)
-        if isinstance(capacity, InputError):
-            return capacity
         placed, scaled = scale_to_soc(sweeps, capacity, len(of_records) == 1)
         warnings += [*capacity.warnings, *scaled]
         points |= placed
     elif capacity_ah is not None:
         capacity = Capacity(capacity_ah, GIVEN, capacity_ah)
     else:
-        return Notice("ocv-table.no-capacity", subject=tables[0].name).error()
+        raise Notice("ocv-table.no-capacity", subject=tables[0].name).error()
     warnings += _test_warnings(sweeps, points)
     if len(points) == 2:
         (charge_low, *_, charge_high), (low, *_, high) = (
             [point.soc for point in points[way]] for way in (CHARGE, DISCHARGE)
         )
         if max(charge_low, low) > min(charge_high, high):
-            return InputError(
+            raise InputError(
                 f"the charge covers SOC {charge_low:.3f} to {charge_high:.3f}, the discharge "
                 f"{low:.3f} to {high:.3f}: they do not overlap; give two branches of the same cell"
             )

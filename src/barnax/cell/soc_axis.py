@@ -100,9 +100,9 @@ class Sweep:
         return tuple(sorted(points, key=lambda point: point.soc))
 
 
-def by_direction(sweeps: Sequence[Sweep]) -> dict[int, Sweep] | InputError:
-    """One sweep of each direction, of those that begin at the rest where another ended; why not
-    where they do not meet, or a slow sweep is among several."""
+def by_direction(sweeps: Sequence[Sweep]) -> dict[int, Sweep]:
+    """One sweep of each direction, of those that begin at the rest where another ended. Raises
+    `InputError` where they do not meet, or a slow sweep is among several."""
     joined: dict[int, Sweep] = {}
     for direction in (DISCHARGE, CHARGE):
         same = [sweep for sweep in sweeps if sweep.direction == direction]
@@ -111,7 +111,7 @@ def by_direction(sweeps: Sequence[Sweep]) -> dict[int, Sweep] | InputError:
             where = ", ".join(
                 f"{one.source} rows {one.points[0].row} to {one.points[-1].row}" for one in same
             )
-            return InputError(
+            raise InputError(
                 f"there are {len(same)} {word} sweeps ({where}); give only one of them"
             )
         for part in sorted(same, key=lambda one: one.direction * one.points[0].voltage_v):
@@ -120,7 +120,7 @@ def by_direction(sweeps: Sequence[Sweep]) -> dict[int, Sweep] | InputError:
                 continue
             before, after = whole.points[-1], part.points[0]
             if abs(before.voltage_v - after.voltage_v) > SAME_REST_V:
-                return InputError(
+                raise InputError(
                     f"the {word} sweeps of {before.source} and {after.source} do not join: one "
                     f"ends at a rest of {before.voltage_v:.4f} V, the next begins at "
                     f"{after.voltage_v:.4f} V. Give only one test, or all of its files."
@@ -161,10 +161,8 @@ class Capacity:
 
 def decide_capacity(
     sweeps: Mapping[int, Sweep], given_ah: float | None, ocv_given_ah: float | None = None
-) -> Capacity | InputError:
-    """The given capacity, checked against the sweeps, or the one they measured; or why there is
-    none: the given one is off by more than 20 % (by a factor of 2, where the test spans both ends),
-    or none was given and none was measured.
+) -> Capacity:
+    """The given capacity, checked against the sweeps, or the one they measured.
 
     `sweeps` maps the direction to its sweep. `given_ah` is the capacity of the cell in the record
     that is simulated, which may be older or colder than in its OCV test; `ocv_given_ah` is the
@@ -174,6 +172,9 @@ def decide_capacity(
     it is slow (cut-off to cut-off), or where it is alone and no capacity was given. That it ran
     between full and empty is then an assumption, and a warning, unless it is slow or both sweeps
     close and stop at a cut-off.
+
+    Raises `InputError` where the given one is off by more than 20 % (by a factor of 2, where the
+    test spans both ends), or none was given and none was measured.
     """
     main = _main(sweeps)
     measured = f"the {WORD[main.direction]} of {main.source} passed {main.passed_ah:.4g} Ah"
@@ -192,7 +193,7 @@ def decide_capacity(
     if axis_ah is None:
         if len(sweeps) == 2 and not _agree(sweeps, AGREEMENT) and main.kind != "slow":
             charges = {"out_ah": sweeps[DISCHARGE].passed_ah, "in_ah": sweeps[CHARGE].passed_ah}
-            return Notice("ocv-test.capacity-unknown", charges, main.source).error()
+            raise Notice("ocv-test.capacity-unknown", charges, main.source).error()
         origin = f"measured: {measured}"
         if not spans:
             origin = f"assumed: {measured}, taken as full to empty"
@@ -202,7 +203,7 @@ def decide_capacity(
         return Capacity(main.passed_ah, origin, main.passed_ah, warnings)
     most = max(sweeps.values(), key=lambda sweep: sweep.passed_ah)
     if not _is_possible(sweeps, axis_ah, most.passed_ah, spans):
-        return InputError(
+        raise InputError(
             f"capacity {axis_ah:.4g} Ah was given, but the OCV test passed "
             f"{most.passed_ah:.4g} Ah ({WORD[most.direction]} of {most.source}): check the "
             "capacity, its unit (Ah) and the unit of the current, or leave `capacity` out"

@@ -138,13 +138,12 @@ def _ocv_test(given: CheckInput) -> Role:
     sweeps, _, missing = given.ocv
     if missing:
         return Role(name, False, str(missing.values["reason"]))
-    whole = by_direction(sweeps)
-    if isinstance(whole, InputError):
-        return Role(name, False, str(whole))
-    if given.capacity_ah is not None:
-        capacity = decide_capacity(whole, given.capacity_ah)
-        if isinstance(capacity, InputError):
-            return Role(name, False, str(capacity))
+    try:
+        whole = by_direction(sweeps)
+        if given.capacity_ah is not None:
+            decide_capacity(whole, given.capacity_ah)
+    except InputError as problem:
+        return Role(name, False, str(problem))
     ways = dict.fromkeys(sweep.direction for sweep in sweeps)
     reasons = []
     for way, points in ((way, whole[way].points) for way in ways):

@@ -13,9 +13,10 @@ from pydantic import Field
 from ..cell import get_circuit
 from ..cell.characterize import without_drop
 from ..cell.model import NEAR_DEGC
+from ..errors import InputError
 from ..execution import in_float64
 from ..model.descent import GridSizes, LogScales, lowest_scales, polish
-from ..model.prepared import PreparedRecord, prepare_record, try_record
+from ..model.prepared import PreparedRecord, prepare_record
 from ..model.sampling import other_sampling
 from ..notices import Notice
 from ..records import Decision
@@ -303,14 +304,16 @@ def with_better_hold(problem: "Problem") -> "Problem":
     reason = "the voltage follows it far better than the other"
     assumed = records[is_open.index(True)].record.hold
     turned = Decision(other_sampling(assumed.value), "weak", reason)
-    tried = []
+    others = []
     for each, one in zip(records, is_open, strict=True):
         given = replace(each.record, hold=turned), problem.cell, problem.circuit
-        tried.append(try_record(*given, each.settled_window) if one else each)
-    others = tuple(each for each in tried if isinstance(each, PreparedRecord))
-    if len(others) < len(records) or not problem.is_compressible:
+        try:
+            others.append(prepare_record(*given, each.settled_window) if one else each)
+        except InputError:
+            return problem
+    if not problem.is_compressible:
         return problem
-    other = replace(problem, prepared_records=others)
+    other = replace(problem, prepared_records=tuple(others))
     before_v, other_v = map(_moved_errors_v, (problem, other))
     pairs = zip(before_v, other_v, is_open, strict=True)
     ratios = np.concatenate([_log_ratios(mine, others) for mine, others, one in pairs if one])

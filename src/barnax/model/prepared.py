@@ -1,6 +1,7 @@
 """One record made ready to simulate: which part of it, its SOC, and a resting cell's voltage."""
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -88,21 +89,12 @@ class PreparedRecord(Brief):
         """The same prepared anew in another window, or another record in place of its own, from the
         direction that was found to fit better; nothing is followed. Raises `InputError` as
         `prepare_record` does."""
-        made = self._in_window(window, record)
-        if isinstance(made, InputError):
-            raise made
-        return made
-
-    def _in_window(
-        self, window: Window, record: Record | None = None
-    ) -> "PreparedRecord | InputError":
         record, start = record or self.record, self.start
         if start.direction_source != "better fit" or start.other_rmse_v is None:
-            return try_record(record, self.cell, self.circuit, window)
+            return prepare_record(record, self.cell, self.circuit, window)
         window = replace(window, initial_direction=start.direction)
-        moved = try_record(record, self.cell, self.circuit, window)
-        is_refused = isinstance(moved, InputError)
-        return moved if is_refused else moved.fitting_better(start.other_rmse_v)
+        moved = prepare_record(record, self.cell, self.circuit, window)
+        return moved.fitting_better(start.other_rmse_v)
 
     def registered(
         self,
@@ -119,8 +111,9 @@ class PreparedRecord(Brief):
             capacity_ah=capacity_ah,
             registration=registration or self.window.registration,
         )
-        moved = self._in_window(window, record)
-        return None if isinstance(moved, InputError) else moved
+        with suppress(InputError):
+            return self.in_window(window, record)
+        return None
 
     def following(self, dependence: Dependence | None) -> "PreparedRecord":
         """The same with resistances that follow more than SOC so; None for not."""
@@ -364,17 +357,6 @@ def prepare_record(
         capacity_ah=capacity_ah,
         warnings=tuple(warnings),
     )
-
-
-def try_record(
-    record: Record, cell: CellModel, circuit: str, window: Window | None = None
-) -> PreparedRecord | InputError:
-    """The same, or why the cell cannot be where the record takes it, its start is not known, or the
-    window asks for what the record does not have."""
-    try:
-        return prepare_record(record, cell, circuit, window)
-    except InputError as problem:
-        return problem
 
 
 def soc_along(

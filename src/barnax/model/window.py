@@ -64,9 +64,9 @@ Windows = Window | Mapping[str, Window] | None
 
 def group_tests(
     tests: Sequence[Record | OcvTable], window: Windows
-) -> dict[float, list[Record | OcvTable]] | InputError:
-    """OCV tests by temperature in degC; nothing where they are of one or of none that is known, and
-    why not where one is of an unknown temperature beside others of several."""
+) -> dict[float, list[Record | OcvTable]]:
+    """OCV tests by temperature in degC; nothing where they are of one or of none that is known.
+    Raises `InputError` where one is of an unknown temperature beside others of several."""
     windows = window if isinstance(window, Mapping) else {}
 
     def degc_of(test: Record | OcvTable) -> float | None:
@@ -81,7 +81,7 @@ def group_tests(
         return {}
     for test_degc, test in pairs:
         if test_degc is None:
-            return InputError(
+            raise InputError(
                 f"{test.name}: has no column of temperatures, and the other OCV tests are of "
                 "several; say it with `temperature`"
             )

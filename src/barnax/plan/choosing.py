@@ -110,11 +110,7 @@ def _decide(draft: Draft, tests: Files, others: Files) -> Plan:
     groups = list(by_temperature(dynamic or free))
     # An OCV test of its own temperature comes before many records, and a drive before pulses.
     tried = [(group, ocv_at(degc, free, tests, draft.given_ah)) for degc, group in groups]
-    chosen = []
-    for group, choice in sorted(tried, key=lambda pair: not _holds_drive(pair[0])):
-        if isinstance(choice, InputError):
-            raise choice
-        chosen.append((group, choice))
+    chosen = sorted(tried, key=lambda pair: not _holds_drive(pair[0]))
     with_test = [(group, test) for group, test in chosen if test]
     if not with_test:
         groups = [group for group, _ in chosen if dynamic]

@@ -4,6 +4,7 @@ import functools
 import json
 import tomllib
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal, get_args, get_type_hints
@@ -271,8 +272,6 @@ def plan_from_toml(path: str | Path) -> Plan:
     """
     path = Path(path)
     shown, content = printable(path.name), _content(path)
-    if isinstance(content, InputError):
-        raise content
     listed = content.pop("files", [])
     options = _read(shown, content, _OF_RUN)
     command, reasons = options.pop("command", "identify"), options.pop("reasons", {})
@@ -296,21 +295,22 @@ def plan_from_toml(path: str | Path) -> Plan:
     return Plan(command, parts, options, reasons, window=window, warnings=(*warnings, *taken))
 
 
-def _content(path: Path) -> dict[str, Any] | InputError:
-    """What stands in a TOML file, or why that cannot be read."""
+def _content(path: Path) -> dict[str, Any]:
+    """What stands in a TOML file. Raises `InputError` where that cannot be read."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as problem:
         reason = getattr(problem, "strerror", None) or toml_reason(problem)
         how = f"cannot be read as a plan in TOML ({reason}); correct it"
-        return InputError(f"{printable(path.name)}: {how}")
+        raise InputError(f"{printable(path.name)}: {how}") from problem
 
 
 def folders_in(path: Path) -> tuple[Path, ...]:
     """The folders of the files that a plan names, from its own and from where the command runs;
     none of what is no plan."""
-    content = _content(path)
-    listed = content.get("files") if isinstance(content, dict) else None
+    listed = None
+    with suppress(InputError):
+        listed = _content(path).get("files")
     tables = [one for one in listed if isinstance(one, dict)] if isinstance(listed, list) else []
     given = (table.get("file") for table in tables)
     several = (one if isinstance(one, list) else [one] for one in given)

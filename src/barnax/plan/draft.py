@@ -3,6 +3,7 @@ are copies, or of other cells, by folders and by what tests hold."""
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import pairwise, permutations
 from pathlib import Path
@@ -77,19 +78,18 @@ class Draft:
         temperature, which is returned; what cannot be is refused where it is run."""
         degc = file.temperature_degc
         choice = OcvChoice((), cell.at(degc)) if cell else None
-        choice = choice or ocv_at(degc, self.files, tests, self.given_ah)
-        if not isinstance(choice, OcvChoice):
-            return None
-        if not file.refusal:
+        with suppress(InputError):
+            choice = choice or ocv_at(degc, self.files, tests, self.given_ah)
+        if choice and not file.refusal:
             self.no_start(file, choice)
         return choice
 
     def no_start(self, file: CandidateFile, choice: OcvChoice) -> str:
         """The reason why a record has no start on the OCV; empty where it has one, now known."""
-        start = started(self.files, file, choice)
-        if isinstance(start, InputError):
-            return str(start).removeprefix(f"{file.name}: ")
-        self.starts[file] = start
+        try:
+            self.starts[file] = started(self.files, file, choice)
+        except InputError as problem:
+            return str(problem).removeprefix(f"{file.name}: ")
         return ""
 
     def words_of(self, file: CandidateFile) -> str:

@@ -3,16 +3,17 @@
 import itertools
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from ..cell import CellModel
-from ..cell.characterize import cell_of
+from ..cell.characterize import characterize
 from ..cell.soc_axis import CAPACITY_WARNING, CHARGE, DISCHARGE, WORD, Sweep
 from ..errors import InputError
-from ..model.prepared import PreparedRecord, try_record
+from ..model.prepared import PreparedRecord, prepare_record
 from ..model.window import Window, first_sample
 from ..records.log import goes_on, pause_s
 from .looking import CandidateFile, Files, is_same_degc
@@ -47,10 +48,10 @@ class OcvChoice:
 
 def ocv_at(
     degc: float | None, free: Files, tests: Files, given_ah: float | None
-) -> OcvChoice | InputError | None:
-    """The OCV test of a temperature: the given one, or why it is none, else the best that there is.
+) -> OcvChoice | None:
+    """The OCV test of a temperature: the given one, else the best that there is, if any.
 
-    `given_ah` is the capacity that was given.
+    `given_ah` is the capacity that was given. Raises `InputError` where a given one is none.
     """
     near = [file for file in free if is_same_degc(file.temperature_degc, degc)]
     records = [file.traits.longest_discharge_ah for file in near if file.is_record]
@@ -63,26 +64,30 @@ def ocv_at(
         serving = [file for file in candidates if file.serves("OCV test")]
         max_ah = max((sweep.passed_ah for sweep in sweeps_of(serving)), default=0.0)
         sets = sorted(_sets(serving), key=lambda tests, max_ah=max_ah: _rank(tests, max_ah))
-        choice = _first_cell(sets, given_ah, longest_ah)
-        if isinstance(choice, OcvChoice):
-            return choice
+        with suppress(InputError):
+            if choice := _first_cell(sets, given_ah, longest_ah):
+                return choice
     return None
 
 
 def _first_cell(
     sets: Sequence[Files], given_ah: float | None, longest_ah: float | None
-) -> OcvChoice | InputError | None:
+) -> OcvChoice | None:
     """The first set of files that makes a cell, by the given capacity or by itself, or where none
-    does by the longest discharge; else why the first does not, None without any."""
+    does by the longest discharge; None without any. Raises why the first makes none."""
     reason = None
     by_itself = itertools.product(sets, dict.fromkeys((given_ah, None)))
     by_longest = itertools.product(sets, [longest_ah] if longest_ah else [])
     for tests, capacity_ah in itertools.chain(by_itself, by_longest):
-        cell = cell_of([test.content for test in tests], capacity_ah)
-        if isinstance(cell, CellModel):
+        try:
+            cell = characterize([test.content for test in tests], capacity_ah=capacity_ah)
+        except InputError as problem:
+            reason = reason or problem
+        else:
             return OcvChoice(tuple(tests), cell, capacity_ah)
-        reason = reason or cell
-    return reason
+    if reason:
+        raise reason
+    return None
 
 
 def ocv_reason(tests: Files, capacity_ah: float | None = None) -> str:
@@ -159,28 +164,31 @@ class Started(NamedTuple):
     is_full: bool = False
 
 
-def started(files: Files, file: CandidateFile, choice: OcvChoice) -> Started | InputError:
+def started(files: Files, file: CandidateFile, choice: OcvChoice) -> Started:
     """The window of a record, with its start where another of the files ends that the record goes
-    on from if it does not show its own, and how that is known, in words; or why neither fits."""
-    window = file.window
-    prepared = _prepared(file, window, choice, is_full=window.initial_soc == 1.0)
-    if isinstance(prepared, InputError):
+    on from if it does not show its own, and how that is known, in words. Raises `InputError` where
+    neither fits."""
+    window, prepared, refusal = file.window, None, InputError()
+    try:
+        prepared = _prepared(file, window, choice, is_full=window.initial_soc == 1.0)
+    except InputError as problem:
+        refusal = problem
         # A record may take a little more charge out of the full cell than the test did.
-        fuller = _prepared(file, window, choice, is_full=True)
-        if isinstance(fuller, PreparedRecord) and fuller.start.soc >= 1 - _FULL:
-            capacity_ah = fuller.window.capacity_ah
-            if (capacity_ah or math.inf) <= _LITTLE_MORE * choice.cell.capacity_ah:
-                return Started(replace(window, capacity_ah=capacity_ah), is_full=True)
-    if isinstance(prepared, InputError) or prepared.start.soc_source == "fitted":
+        with suppress(InputError):
+            fuller = _prepared(file, window, choice, is_full=True)
+            capacity_ah = fuller.window.capacity_ah or math.inf
+            is_little_more = capacity_ah <= _LITTLE_MORE * choice.cell.capacity_ah
+            if fuller.start.soc >= 1 - _FULL and is_little_more:
+                return Started(fuller.window, is_full=True)
+    if prepared is None or prepared.start.soc_source == "fitted":
         before = next((other for other in files if _goes_on(other, file, choice)), None)
         soc = None if before is None else _final_soc(files, before, choice)
         if before is not None and soc is not None and not window.is_chosen:
-            begun = _prepared(file, replace(window, initial_soc=soc), choice)
-            if isinstance(begun, InputError):
-                return begun
-            return Started(replace(window, initial_soc=soc), f", where {before.name} ends")
-    if isinstance(prepared, InputError):
-        return prepared
+            begun = replace(window, initial_soc=soc)
+            _prepared(file, begun, choice)
+            return Started(begun, f", where {before.name} ends")
+    if prepared is None:
+        raise refusal
     # What the record shows is read from it where it is run, as without a plan.
     start = prepared.start
     shown = f", at full: {start.voltage_v:.4f} V" if start.soc_source == "full voltage" else ""
@@ -190,15 +198,12 @@ def started(files: Files, file: CandidateFile, choice: OcvChoice) -> Started | I
 
 def _prepared(
     file: CandidateFile, window: Window, choice: OcvChoice, is_full: bool = False
-) -> PreparedRecord | InputError:
-    """A record made ready to be simulated, as one that starts full or not; or why it cannot be."""
-    try:
-        # A start that was given may lie outside the record.
-        capacity_ah = record_capacity_ah(file, window, choice, is_full)
-    except InputError as problem:
-        return problem
+) -> PreparedRecord:
+    """A record made ready to be simulated, as one that starts full or not. Raises `InputError`
+    where it cannot be."""
+    capacity_ah = record_capacity_ah(file, window, choice, is_full)
     counted = replace(window, capacity_ah=capacity_ah)
-    return try_record(file.record, choice.cell, "so-rc", counted)
+    return prepare_record(file.record, choice.cell, "so-rc", counted)
 
 
 def _goes_on(before: CandidateFile, file: CandidateFile, choice: OcvChoice) -> bool:
@@ -217,9 +222,10 @@ def _goes_on(before: CandidateFile, file: CandidateFile, choice: OcvChoice) -> b
 
 def _final_soc(files: Files, file: CandidateFile, choice: OcvChoice) -> float | None:
     """The state of charge at the end of a file, where it or the one before it shows that."""
-    start = started(files, file, choice)
-    prepared = start if isinstance(start, InputError) else _prepared(file, start.window, choice)
-    return None if isinstance(prepared, InputError) else float(f"{prepared.soc[-1]:.{DIGITS}g}")
+    with suppress(InputError):
+        prepared = _prepared(file, started(files, file, choice).window, choice)
+        return float(f"{prepared.soc[-1]:.{DIGITS}g}")
+    return None
 
 
 def record_capacity_ah(

@@ -16,7 +16,7 @@ from ..cell.tables import hats
 from ..display import Brief
 from ..errors import InputError
 from ..metrics import Metrics, measure
-from ..model.prepared import PreparedRecord, prepare_record, try_record
+from ..model.prepared import PreparedRecord, prepare_record
 from ..model.reference import errors_along, simulate_circuit
 from ..model.steps import FEWEST_STEPS, steps_of
 from ..model.window import Window
@@ -107,8 +107,9 @@ def both_directions(prepared: PreparedRecord) -> tuple[PreparedRecord, PreparedR
     if prepared.start.direction_source != "assumed":
         return prepared, None
     window = replace(prepared.window, initial_direction=-prepared.start.direction)
-    other = try_record(prepared.record, prepared.cell, prepared.circuit, window)
-    if isinstance(other, InputError):
+    try:
+        other = prepare_record(prepared.record, prepared.cell, prepared.circuit, window)
+    except InputError:
         return prepared, None
     if np.array_equal(prepared.source_v, other.source_v) and prepared.start.soc == other.start.soc:
         start = replace(prepared.start, direction_source="without effect")

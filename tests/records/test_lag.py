@@ -30,17 +30,18 @@ def log(interval_s, lag, seed=0, samples=2000, least_a=-2.0):
     levels = np.where(rng.random(samples) < 0.2, 0.0, rng.uniform(least_a, 3.0, samples))
     current_a = np.repeat(levels, rng.integers(2, 12, samples))[:samples]
     current_a[:5] = 0.0
-    place = np.arange(samples)
+    row = np.arange(samples)
     volts = simulated_cell(current_a, interval_s, r0=R0)
-    volts = np.interp(place - lag, place, volts) + 5e-4 * rng.standard_normal(samples)
-    return pl.DataFrame({TIME: interval_s * place, CURRENT: -current_a, VOLTAGE: volts})
+    volts = np.interp(row - lag, row, volts) + 5e-4 * rng.standard_normal(samples)
+    return pl.DataFrame({TIME: interval_s * row, CURRENT: -current_a, VOLTAGE: volts})
 
 
-@pytest.mark.parametrize("kept", [0.3, 0.999])
-def test_a_first_order_lag_is_scipys_filter(kept):
-    values = np.random.default_rng(0).normal(size=1000)
+@pytest.mark.parametrize("shape", [1000, (3, 1000)])
+@pytest.mark.parametrize("tau", [0.8, 1000.0])
+def test_a_first_order_lag_is_scipys_filter(tau, shape):
+    values, kept = np.random.default_rng(0).normal(size=shape), np.exp(-1 / tau)
     expected = lfilter([0.0, 1 - kept], [1.0, -kept], values)
-    np.testing.assert_allclose(lagged(values, kept), expected, rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(lagged(values, tau), expected, rtol=1e-12, atol=1e-15)
 
 
 @pytest.mark.parametrize("half", [3, 5])
@@ -169,8 +170,7 @@ def regressed_lag(record, parts=24):
     current_a, moved_a = record.current_a, np.diff(record.current_a)
     is_step = np.abs(moved_a) > 0.05 * np.abs(current_a).max()
     near = [k for k in range(5, len(moved_a) - 5) if is_step[max(k - 3, 0) : k + 4].any()]
-    kept = np.exp(-1 / np.array([3.0, 10.0, 30.0, 100.0, 300.0]))
-    slow = [np.diff(lagged(current_a - current_a[0], each)) for each in kept]
+    slow = [np.diff(lagged(current_a - current_a[0], tau)) for tau in (3, 10, 30, 100, 300)]
     rows = [
         [*moved_a[k - 1 : k + 2][::-1], *(each[k] for each in slow), current_a[k], 1.0]
         for k in near

@@ -17,7 +17,7 @@ Products add up over pieces whose errors are not correlated."""
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -30,6 +30,7 @@ from ..over_soc.intervals import LIGHT, STEP
 from ..over_soc.node_interval import sag_of
 from ..over_soc.objective import smoothing_rows
 from ..over_soc.settings import TableSettings
+from ..records.lag import lagged
 from ..search.answers import AtBound
 
 # Half a 95 % interval in standard errors.
@@ -266,15 +267,6 @@ def soc_along(prior: Prior, current_a: Samples, soc: float, interval_s: float = 
     return soc - passed / prior.cell.capacity_ah
 
 
-def lagged(flow: Rows, tau_s: float, interval_s: float = 1.0) -> Rows:
-    """What flows through the resistor of an RC pair."""
-    # It takes a second to load, and what proposes a next test needs none of it.
-    from scipy.signal import lfilter
-
-    kept = math.exp(-interval_s / tau_s)
-    return np.asarray(lfilter([0.0, 1 - kept], [1.0, -kept], flow))
-
-
 def columns_along(
     prior: Prior, current_a: Samples, soc: float, interval_s: float = 1.0
 ) -> tuple[Columns, Samples]:
@@ -283,7 +275,11 @@ def columns_along(
     along = soc_along(prior, current_a, soc, interval_s)
     tables, settings = prior.tables, prior.settings
     tau_s = np.array(tables.tau_s)
-    after = partial(lagged, interval_s=interval_s)
+
+    def after(flow_a: Rows, tau_s: float) -> Rows:
+        """What flows through the resistor of an RC pair."""
+        return lagged(flow_a, tau_s / interval_s)
+
     flows = hats(along, settings.nodes).T * current_a
     r_ohm = [tables.at(name, along) for name in tables.resistances[1:]]
     rows = [flows, *(after(flows, pair_tau_s) for pair_tau_s in tau_s)]
@@ -320,7 +316,7 @@ def information_of(prior: Prior, columns: Columns, interval_s: float = 1.0) -> I
         slots = np.add.reduceat(jacobian, np.arange(0, jacobian.shape[1], together), axis=1)
         # S = 1 + F + F' with F the sums over all earlier slots, weighted by exp(-lag / time).
         slot_s = together * interval_s
-        earlier = slots @ lagged(slots, time_s, slot_s).T / math.expm1(slot_s / time_s)
+        earlier = slots @ lagged(slots, time_s / slot_s).T / math.expm1(slot_s / time_s)
         alone = squares if together == 1 else slots @ slots.T
         noise += sd_v**2 * (alone + earlier + earlier.T)
     return Information(len(columns), products, noise)

@@ -13,7 +13,8 @@ from ..bundled import bundled_file
 from ..cell import CellModel
 from ..errors import InputError
 from ..records import read_record
-from .information import NEARLY_SOC, Prior, Samples, Soc, lagged, soc_along
+from ..records.lag import lagged
+from .information import NEARLY_SOC, Prior, Samples, Soc, soc_along
 
 INTERVAL_S = 1.0
 # Drawn voltages are within this of the predicted ones.
@@ -170,7 +171,7 @@ def voltage_along(
     factor = np.interp(along, tables.nodes, prior.worst) if worst else np.ones(len(along))
     names = [name for name in tables.tables if name.startswith("R")]
     first, *drops = [tables.at(name, along) * factor * current_a for name in names]
-    total = sum(map(lagged, drops, tables.tau_s), first)
+    total = sum(map(lagged, drops, np.array(tables.tau_s) / INTERVAL_S), first)
     half_gap_v = prior.cell.branch_gap_v(along) / 2 if worst else 0.0
     ocv_v = prior.ocv_end_v(along, worst) if worst else prior.ocv_v(along)
     return ocv_v + worst * half_gap_v - total, along
@@ -192,7 +193,7 @@ def warming_of(prior: Prior, current_a: Samples, voltage_v: Samples, soc: Sample
     heat_w = current_a * (prior.ocv_v(soc) - voltage_v)
     capacity_ah = prior.cell.capacity_ah
     times = (capacity_ah / WARMING_AH) ** (1 / 3)
-    lagging_w = lagged(heat_w, times * WARMING_S, INTERVAL_S)
+    lagging_w = lagged(heat_w, times * WARMING_S / INTERVAL_S)
     return float(np.max(lagging_w)) * times * WARMING_K / capacity_ah
 
 

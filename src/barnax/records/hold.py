@@ -235,8 +235,7 @@ def _left_v(current_a: Rows, voltage_v: Rows, charge_ah: Rows) -> tuple[Rows, Ro
     between = (soc[1:] + soc[:-1]) / 2
     columns = [np.diff(current_a) * hat for hat in _hats(between, 0.0, _R0_NODES)]
     for rows in _TAUS:
-        kept = np.exp(-1 / rows)
-        answer = np.diff(lagged(current_a, kept))
+        answer = np.diff(lagged(current_a, rows))
         columns += [answer, answer * between] if rows < _TAUS[2] else [answer]
     columns += [np.diff(hat) for hat in _hats(soc, 0.1, _OCV_NODES)[1:]]
     columns += [current_a[1:], current_a[:-1], np.ones(len(between))]

@@ -12,6 +12,7 @@ sample looks like a part of one, and R0 then holds it.
 """
 
 import itertools
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -190,9 +191,7 @@ def _changes(interval_s: Intervals, current_a: Rows, near: int, most: int) -> Ch
     current_a = current_a[: places[-1] + 2]
     columns = [step_a[places - late] for late in (-1, 0, 1)]
     for samples in _SLOW:
-        kept = np.exp(-1 / samples)
-        answer = lagged(current_a - current_a[0], kept)
-        columns.append(np.diff(answer)[places])
+        columns.append(np.diff(lagged(current_a - current_a[0], samples))[places])
     table = np.column_stack([*columns, current_a[places], np.ones(len(places))])
     scale = np.sqrt(np.mean(table**2, axis=0))
     return (places, table / scale, scale) if np.all(scale > 0) else None
@@ -246,15 +245,20 @@ def require_lag(record: Record, lag_s: float) -> None:
         )
 
 
-def lagged(values: Float[np.ndarray, "samples"], kept: float) -> Float[np.ndarray, "samples"]:
-    """A first-order lag behind the values, of which it keeps a share from sample to sample:
-    y' = kept y + (1 - kept) x, from zero on.
+def lagged(
+    values: Float[np.ndarray, "*rows samples"], tau: float
+) -> Float[np.ndarray, "*rows samples"]:
+    """A first-order lag behind values that are held from sample to sample, with a time constant
+    in samples: y' = k y + (1 - k) x with k = exp(-1 / tau), from zero on.
 
     SciPy's `lfilter` is that too, but a quarter of what a command loads comes with it.
     """
-    bands = np.tile([1.0, -kept], (len(values), 1)).T
+    kept = math.exp(-1 / tau)
+    bands = np.tile([1.0, -kept], (values.shape[-1], 1)).T
     (solve,) = get_lapack_funcs(("tbtrs",), (bands,))
-    return solve(bands, np.append(0.0, (1 - kept) * values[:-1]), uplo="L")[0]
+    driven = np.zeros(values.shape)
+    driven[..., 1:] = (1 - kept) * values[..., :-1]
+    return solve(bands, driven.T, uplo="L")[0].T
 
 
 # The answers to a step are looked at in so many samples, of so many places; those to so many steps

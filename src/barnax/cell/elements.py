@@ -147,6 +147,11 @@ def suffix_of(name: str) -> str:
     return re.sub("^(R|C|tau)", "", name.partition(" [")[0])
 
 
+def is_resistance(name: str) -> bool:
+    """True of the name of a parameter, or of a sum of some, that is in ohms."""
+    return name.endswith("[Ohm]")
+
+
 def element_of(name: str) -> Element:
     """The element that has a parameter of that name. Raises `InputError` where none has.
 

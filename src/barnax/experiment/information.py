@@ -24,6 +24,7 @@ from jaxtyping import Bool, Float
 from scipy.linalg import block_diag, cho_factor, cho_solve
 
 from ..cell import CellModel, CircuitParameters
+from ..cell.elements import is_resistance
 from ..cell.parameters import OCV, OCV_CORRECTION, OHMIC
 from ..cell.tables import hats
 from ..over_soc.intervals import LIGHT, STEP
@@ -153,7 +154,7 @@ class Prior:
 
     @cached_property
     def are_resistances(self) -> Bool[np.ndarray, "unknowns"]:
-        return np.array([name.startswith("R") for name, _ in self.names])
+        return np.array([is_resistance(name) for name, _ in self.names])
 
     @cached_property
     def values(self) -> Float[np.ndarray, "unknowns"]:
@@ -382,7 +383,7 @@ def _halves(prior: Prior, fit: Information) -> dict[Name, float]:
     moved, is_seen = np.zeros(len(errors)), np.diag(fit.of_unknowns) > 0
     for name, rows in prior.tables_of_names.items():
         seen = np.arange(rows.start, rows.stop)[is_seen[rows]]
-        if name.startswith("R") and len(seen):
+        if is_resistance(name) and len(seen):
             nodes = np.array([soc for _, soc in prior.names])[seen].astype(float)
             sag = sag_of(nodes, prior.values[seen])
             moved[seen] = np.maximum(np.abs(smoothed[seen]), np.abs(smoothed[seen] - sag))

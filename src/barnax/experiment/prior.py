@@ -13,7 +13,7 @@ from jaxtyping import Float
 from ..bundled import bundled_file
 from ..cell import CellModel, CircuitParameters, characterize, get_circuit
 from ..cell.curves import InterpolatedCurve
-from ..cell.elements import RC
+from ..cell.elements import RC, is_resistance
 from ..cell.model import MIXED_POINTS
 from ..cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION
 from ..cell.soc_axis import CAPACITY_WARNING, GIVEN
@@ -318,7 +318,7 @@ def _worst(fit: TableFit, nodes: tuple[float, ...]) -> Float[np.ndarray, "nodes"
     """The largest sum of the resistances within their intervals over the sum itself."""
     values, high = np.zeros(len(nodes)), np.zeros(len(nodes))
     for interval in fit.intervals:
-        if interval.soc is not None and interval.name.startswith("R"):
+        if interval.soc is not None and is_resistance(interval.name):
             index = nodes.index(interval.soc)
             values[index] += interval.value
             high[index] += min(interval.high or math.inf, UNKNOWN * interval.value)

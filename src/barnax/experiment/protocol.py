@@ -112,7 +112,7 @@ class Limits:
         as large as they may be."""
         soc = np.linspace(low_soc, high_soc, 5)
         tables, capacity_ah = prior.tables, prior.cell.capacity_ah
-        total = np.sum([tables.at(n, soc) for n in tables.tables if n.startswith("R")], axis=0)
+        total = np.sum([tables.at(name, soc) for name in tables.resistances], axis=0)
         worst = total * np.interp(soc, tables.nodes, prior.worst)
         down = np.min((prior.ocv_end_v(soc, -1) - self.low_v - self.margin_v) / worst)
         up = np.min((self.high_v - self.margin_v - prior.ocv_end_v(soc, 1)) / worst)
@@ -169,8 +169,7 @@ def voltage_along(
     the lowest (-1) or highest (+1) where every resistance is as large as it may be."""
     along, tables = soc_along(prior, current_a, soc), prior.tables
     factor = np.interp(along, tables.nodes, prior.worst) if worst else np.ones(len(along))
-    names = [name for name in tables.tables if name.startswith("R")]
-    first, *drops = [tables.at(name, along) * factor * current_a for name in names]
+    first, *drops = [tables.at(name, along) * factor * current_a for name in tables.resistances]
     total = sum(map(lagged, drops, np.array(tables.tau_s) / INTERVAL_S), first)
     half_gap_v = prior.cell.branch_gap_v(along) / 2 if worst else 0.0
     ocv_v = prior.ocv_end_v(along, worst) if worst else prior.ocv_v(along)

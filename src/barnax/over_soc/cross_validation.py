@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import csr_array
 
+from ..cell.elements import is_resistance
 from ..cell.parameters import OCV
 from ..cell.soc_axis import is_above
 from ..execution import in_float64
@@ -312,7 +313,7 @@ def with_spread(
             return interval
         reach = t_quantile(len(separate) - 1) * np.std(separate, ddof=1)
         reach = float(reach * np.sqrt(1 + 1 / len(separate)))
-        middle, least = float(np.mean(separate)), 0.0 if interval.name.startswith("R") else -np.inf
+        middle, least = float(np.mean(separate)), 0.0 if is_resistance(interval.name) else -np.inf
         low, high = max(middle - reach, least), middle + reach
         if objective.is_kept:
             # Nothing else is known of the joint value than what the records make of it.

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.linalg import block_diag
 
-from ..cell.elements import alike, rungs_of
+from ..cell.elements import alike, is_resistance, rungs_of
 from ..cell.parameters import HALF_HYSTERESIS, OCV, OCV_CORRECTION, CircuitParameters
 from ..cell.soc_axis import is_above
 from ..execution import in_float64
@@ -80,7 +80,7 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
     count = len(best.unknowns)
     least, most = lighter.box
     is_bound = (light.sides != 0) & (least < most)
-    rows = [row for (name, _), row in objective.visited_rows.items() if name.startswith("R")]
+    rows = [row for (name, _), row in objective.visited_rows.items() if is_resistance(name)]
     is_bound &= np.isin(np.arange(count), rows)
     # Beyond a bound of a resistance the data have no say; to its other side they do.
     freed = replace(light, sides=np.where(is_bound, 0, light.sides))

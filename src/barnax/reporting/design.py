@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..cell.elements import is_resistance
 from ..experiment.information import DRIVE
 from ..experiment.prior import UNKNOWN_LOW_SOC
 from ..experiment.protocol import LOW_SOC
@@ -99,7 +100,7 @@ def _shortfall(design: "Design", after: dict[str, list[float]]) -> dict[str, Any
         "some": some,
         "narrower": [*(name for name in better if name != DRIVE), *widest],
         "is_smaller": DRIVE in better,
-        "undetermined": [n for n in wide if n.startswith("R") and np.median(after[n]) > 1],
+        "undetermined": [n for n in wide if is_resistance(n) and np.median(after[n]) > 1],
     }
 
 
@@ -139,7 +140,7 @@ def _differences(design: "Design", result: "Result") -> Iterator[str]:
             value, promise = (with_unit(width.name, tau_s) for tau_s in (fitted, width.value))
             bound = bounds.get(width.name, "")
             yield f"{symbol(width.name)} {value}{bound} (promise: {promise})"
-    for name in [name for name in design.wanted if name.startswith("R")]:
+    for name in [name for name in design.wanted if is_resistance(name)]:
         ratios = [
             float(fit.tables.at(width.name, np.array([width.soc]))[0]) / width.value
             for width in design.of_table(name)
@@ -179,7 +180,7 @@ def _promises(design: "Design", fit: "TableFit", is_alone: bool) -> dict[str, di
 def reached_half(fit: "TableFit", width: "Width") -> float | None:
     """Half the interval that a fit has where a width was promised, in its measure, were its noise
     known as well as the promise takes it; one value stands for every SOC."""
-    nodes = () if fit.is_over_soc or not width.name.startswith("R") else fit.tables.nodes
+    nodes = () if fit.is_over_soc or not is_resistance(width.name) else fit.tables.nodes
     for node in fit.intervals:
         if node.name == width.name and node.soc in (width.soc, *nodes):
             halves = halves_of(node)

@@ -153,10 +153,8 @@ def _wide(view: View) -> str:
     """A table that the data leave open nearly everywhere; empty where there is none."""
     if view.result.over in (None, OVER_TEMPERATURE):
         return ""
-    for name in view.result.fit.tables.tables:
+    for name in view.result.fit.tables.resistances:
         nodes = view.result.fit.of_table(name)
-        if not name.startswith("R") or not nodes:
-            continue
         narrow = sum(n.low is not None and n.standard_error <= WIDE * n.value for n in nodes)
         if narrow < FEW * len(nodes):
             where = f"{narrow} of {len(nodes)} nodes"

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Int
 
 from ..cell import Dependence
+from ..cell.elements import is_resistance
 from ..cell.parameters import OHMIC
 from ..execution import in_float64
 from ..model.prepared import PreparedRecord
@@ -188,7 +189,7 @@ class Bench:
             if point.kind != answer.point.kind or point.pairs == answer.point.pairs:
                 continue
             intervals = intervals_of(answer.objective, answer.best)
-            means = [one for one in intervals if one.soc is None and one.name.startswith("R")]
+            means = [one for one in intervals if one.soc is None and is_resistance(one.name)]
             are_alike = any(len(parts_of(one.name)) > 1 for one in means)
             if are_alike or any(one.low is None for one in means if one.name != OHMIC):
                 simpler = self.fit(point)

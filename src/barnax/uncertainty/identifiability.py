@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from ..cell.elements import ElementNames, names_beside
+from ..cell.elements import ElementNames, is_resistance, names_beside
 from .covariance import Covariance, Estimate, Uncertainty
 
 if TYPE_CHECKING:
@@ -196,7 +196,7 @@ class _Search:
     def sharpest(self, names: Sequence[str]) -> Estimate | None:
         """The best known of the sums of resistances and the capacitances among `names`, where one
         is known far better than its members."""
-        resistances = sorted(name for name in names if name.startswith("R"))
+        resistances = sorted(filter(is_resistance, names))
         sharper = [
             total
             for size in range(2, len(resistances) + 1)

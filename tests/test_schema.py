@@ -63,6 +63,27 @@ def test_the_published_schema_is_that_of_the_code():
     assert published == Result.json_schema()
 
 
+def test_a_stored_result_has_the_keys_that_the_schema_names():
+    schema = json.loads(PUBLISHED.read_text(encoding="utf-8"))
+    assert require_keys(DOCUMENT, schema, schema["$defs"]) > 500
+
+
+def require_keys(value: Any, schema: dict[str, Any], defs: dict[str, Any]) -> int:
+    """The number of keys, of which each is a property that the schema has and none that it
+    requires is missing; what may be of several types is looked at where it is of one or null."""
+    schema = defs.get(schema.get("$ref", "").rpartition("/")[2], schema)
+    types = [each for each in schema.get("anyOf", ()) if each.get("type") != "null"]
+    if len(types) == 1 and value is not None:
+        return require_keys(value, types[0], defs)
+    if isinstance(value, list) and isinstance(schema.get("items"), dict):
+        return sum(require_keys(each, schema["items"], defs) for each in value)
+    if not isinstance(value, dict) or "properties" not in schema:
+        return 0
+    properties = schema["properties"]
+    assert {*schema.get("required", ())} <= value.keys() <= properties.keys()
+    return sum(1 + require_keys(value[key], properties[key], defs) for key in value)
+
+
 def test_the_page_of_notices_is_that_of_the_code():
     assert (DOCS / "notices.md").read_text(encoding="utf-8") == notices_page()
 

@@ -3,6 +3,7 @@
 import re
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from typer.main import get_command
@@ -93,6 +94,14 @@ def test_what_contradicts_itself_is_refused_by_the_name_of_its_record():
     given = {"start_time": ["b.csv=60"], "start_after_step": ["b.csv=3"]}
     with pytest.raises(InputError, match=r"^b\.csv: give `start_time` or `start_after_step`"):
         windows_of(given)
+
+
+def test_a_long_stage_says_without_a_terminal_how_much_time_is_left(capsys):
+    waits = iter([False, False, True])
+    task, ended = SimpleNamespace(elapsed=20.0, completed=1, total=4), SimpleNamespace()
+    ended.wait = lambda seconds: next(waits)
+    Session(is_quiet=False)._report("Searching", task, ended)
+    assert capsys.readouterr().err == 2 * "Searching: 0:00:20, 1 of 4, about 0:01:00 left\n"
 
 
 def test_only_a_command_that_is_not_quiet_reports_a_long_stage(capsys, monkeypatch):

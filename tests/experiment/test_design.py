@@ -139,6 +139,15 @@ def test_a_design_keeps_its_time_and_its_limits(pulsed):
     assert predicted.soc.max() <= 1
 
 
+def test_lines_between_what_is_stored_of_a_prediction_are_its_voltage(pulsed, prior):
+    predicted, current_a = pulsed.predicted, sampled(pulsed.steps)
+    voltage_v, _ = voltage_along(prior, current_a, pulsed.initial_soc)
+    ends = np.cumsum([round(step.duration_s) for step in pulsed.steps])
+    inside = np.setdiff1d(np.arange(1, len(voltage_v)), [*ends, *(ends - 1)])
+    drawn_v = np.interp(inside, predicted.time_s, predicted.voltage_v)
+    np.testing.assert_allclose(drawn_v, voltage_v[inside], atol=4e-3)
+
+
 @pytest.mark.slow
 def test_rates_over_soc_hold_for_pieces_that_leave_their_stretch():
     taken = [

@@ -207,6 +207,11 @@ def test_an_answer_of_one_value_at_every_soc_is_a_prior_with_its_values():
         assert tau_s == result.parameters[name]
 
 
+def test_another_capacity_leaves_the_largest_currents_in_ampere():
+    prior = replace(prior_of(None, 1.0, "nmc"), rates_c=(4.0, 2.0))
+    assert prior_of(prior, 2.0, "nmc").rates_c == (2.0, 1.0)
+
+
 def logged(shown_a, voltage_v=3.6, begins_s=0.0):
     """A record of a test, a sample a second."""
     return make_record(begins_s + np.arange(float(len(shown_a))), shown_a, voltage_v)

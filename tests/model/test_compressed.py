@@ -175,6 +175,19 @@ def test_the_short_residuals_have_the_norm_and_the_slopes_of_the_long_ones(bundl
     np.testing.assert_allclose(gradient[1], gradient[0], rtol=1e-7, atol=1e-12)
 
 
+def test_single_precision_agrees_to_its_own_rounding(bundled_cell):
+    record = drive_record("even", SAMPLES, 5)
+    problem = make_problem(record, bundled_cell, "so-rc", window=KNOWN_SOC)
+    with jax.enable_x64(True):
+        short = both_objectives(problem)[1]
+        points = points_in(short.coordinates, 20, 3)
+        expected = rmses_of(points, short)
+    narrow, few = jax.tree.map(np.float32, (eqx.filter(short, eqx.is_array), points))
+    single = rmses_of(jnp.asarray(few), eqx.combine(narrow, short))
+    assert single.dtype == np.float32
+    np.testing.assert_allclose(single, expected, rtol=2e-4, atol=1e-5)
+
+
 @pytest.fixture(scope="module")
 def compressed_problem(short_problem):
     return make_problem(

@@ -1,13 +1,17 @@
 """The one-state hysteresis of `esc` against Plett's recursion, written as a plain loop."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from barnax.cell import CircuitParameters
 from barnax.execution import in_float64
 from barnax.model.prepared import prepare_record
+from barnax.model.problem import make_problem, residuals
 from barnax.model.window import Window
 from helpers.reference import drop_v, looped_response, make_record
 from helpers.scan import rc_parameters, terminal_voltage
@@ -96,3 +100,15 @@ def test_ten_hours_of_noise_at_rest_turn_nothing(bundled_cell):
         bundled_cell.hysteresis_v(prepared.soc) / 2
     )
     np.testing.assert_allclose(state, -1.0, atol=1e-4)
+
+
+def test_the_slope_in_the_rate_is_that_of_the_errors(bundled_cell):
+    record = make_record(TIME_S, CURRENT_A, 3.7 + 0.01 * np.sin(TIME_S))
+    problem = make_problem(record, bundled_cell, "esc", window=Window(initial_soc=0.8))
+    with jax.enable_x64(True):
+        objective = replace(problem, scale="log").objective
+        point, step = jnp.asarray(objective.coordinates.encode(rc_parameters(CIRCUIT))), 1e-5
+        errors = eqx.filter_jit(residuals)
+        slope = eqx.filter_jit(jax.jacfwd(residuals))(point, objective)[:, -1]
+        raised, lowered = (errors(point.at[-1].add(by), objective) for by in (step, -step))
+    np.testing.assert_allclose(slope, (raised - lowered) / (2 * step), rtol=1e-5, atol=1e-12)

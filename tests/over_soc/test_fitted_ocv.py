@@ -265,6 +265,16 @@ def test_a_circuit_that_was_asked_for_without_the_hysteresis_shown_says_so(half_
 
 
 @pytest.mark.slow
+def test_a_hysteresis_is_chosen_under_noise():
+    """Of errors that are mostly noise it lowers little."""
+    record, _ = hysteretic(0.01, 20.0, 9000, noise_v=2e-3)
+    result = barnax.identify(record, window=FROM_FULL, **FAST)
+    assert result.model == "esc"
+    r2_ohm = np.median(result.fit.tables.at("R2 [Ohm]", np.linspace(0.2, 0.7, 20)))
+    assert r2_ohm == pytest.approx(R_OHM[1], rel=0.05)
+
+
+@pytest.mark.slow
 def test_a_hysteresis_is_found_beside_a_third_pair():
     """Either alone imitates the other, and the slow resistances are 30 to 45 % too high."""
     r_ohm, tau_s = (0.010, 0.012, 0.014), (4.0, 40.0, 300.0)

@@ -19,8 +19,8 @@ from barnax.factors import factors_to_bytes
 from barnax.fleet.dataset import dataset_path, factors_path, keep_file, regrouped, write_rows
 from barnax.fleet.engine import identify_fleet
 from barnax.model.prepared import PreparedRecord, prepare_record
-from barnax.over_soc.kept import CONSTANT, Grid, keep
 from barnax.over_soc.pack import CAPACITY, R0, SHIFT, TOTAL
+from barnax.over_soc.record_factors import CONSTANT, Grid, factors_of
 from barnax.pack import Pack, identify_pack
 from benchmarks.pages import as_markdown, provenance, save_page
 
@@ -151,13 +151,13 @@ def factors(folder: Path) -> list[str]:
     for kind, grid, stored in (
         ("constants", Grid(nodes=CONSTANT), STORED), ("tables", Grid(), STORED_TABLES),
     ):  # fmt: skip
-        keep(logs[0], grid)
+        factors_of(logs[0], grid)
         began = time.process_time(), time.perf_counter()
-        kept = [keep(each, grid) for each in logs]
+        factors = [factors_of(each, grid) for each in logs]
         cpu_s, wall_s = time.process_time() - began[0], time.perf_counter() - began[1]
         rows = sum(len(each.soc) for each in logs)
         out = folder / kind
-        contents = [factors_to_bytes([each]) for each in kept]
+        contents = [factors_to_bytes([each]) for each in factors]
         dataset = []
         for place in range(stored):
             keep_file(out, factors_path(out, str(place)), contents[place % DISTINCT])
@@ -181,7 +181,7 @@ def reduced_rows(logs: list[PreparedRecord]) -> int:
     grid, rows = Grid(nodes=CONSTANT), 0
     while rows < ALL_ROWS / PROCESSES:
         for log in logs:
-            factors_to_bytes([keep(log, grid)])
+            factors_to_bytes([factors_of(log, grid)])
             rows += len(log.soc)
     return rows
 

@@ -194,7 +194,7 @@ def answer_of(paths: list[Path], ocv: list[Path], windows: Mapping[str, Window],
         "circuit": result.answer,
         "nodes": len(tables.nodes),
         "law": tables.dependence and tables.dependence.numbers,
-        "OCV": "fitted" if result.cell.is_of_records else "test",
+        "OCV": "fitted" if result.cell.ocv_is_fitted else "test",
         "fit": result.metrics.identification.rmse_v,
         "not used": errors,
     }

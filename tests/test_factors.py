@@ -12,7 +12,7 @@ from barnax.errors import InputError
 from barnax.factors import _digest, factors_to_bytes, read_factors
 from barnax.model.prepared import Window, prepare_record
 from barnax.over_soc.fit import fit_tables
-from barnax.over_soc.kept import Grid, fit_kept, keep
+from barnax.over_soc.record_factors import Grid, factors_of, fit_factors
 from barnax.over_soc.settings import TableSettings
 
 NODES = (0.3, 0.5, 0.7, 0.85, 1.0)
@@ -28,13 +28,13 @@ def records(bundled_record, bundled_cell):
 
 
 @pytest.fixture(scope="module")
-def kept(records):
-    return [keep(each, GRID) for each in records]
+def factors(records):
+    return [factors_of(each, GRID) for each in records]
 
 
 @pytest.fixture(scope="module")
-def content(kept):
-    return factors_to_bytes(kept)
+def content(factors):
+    return factors_to_bytes(factors)
 
 
 def written(tmp_path, content):
@@ -44,7 +44,7 @@ def written(tmp_path, content):
 
 
 def test_a_fit_of_factors_read_back_is_the_fit_of_the_samples(records, content, tmp_path):
-    ours = fit_kept(read_factors(written(tmp_path, content)), SETTINGS)
+    ours = fit_factors(read_factors(written(tmp_path, content)), SETTINGS)
     theirs = fit_tables(records, SETTINGS)
     assert ours.objective_v == pytest.approx(theirs.objective_v, rel=1e-9)
     for name, row in theirs.tables.tables.items():
@@ -66,8 +66,8 @@ def test_an_ocv_of_ones_own_is_counted_from_one_level(records, bundled_cell):
         for name in ("charge_points", "discharge_points")
     }
     cell = replace(bundled_cell, **points)
-    two = [keep(replace(each, cell=cell), GRID) for each in records[:2]]
-    one, other = fit_kept(two, SETTINGS), fit_kept(two[::-1], SETTINGS)
+    two = [factors_of(replace(each, cell=cell), GRID) for each in records[:2]]
+    one, other = fit_factors(two, SETTINGS), fit_factors(two[::-1], SETTINGS)
     ocv = [[n.value for n in fit.of_table("OCV [V]")] for fit in (one, other)]
     assert ocv[0] == pytest.approx(ocv[1], abs=1e-6)
     assert np.all(np.diff(ocv[0]) > 0)

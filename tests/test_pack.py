@@ -12,8 +12,8 @@ from barnax.fleet.manifest import cell_of
 from barnax.fleet.rows import identify_rows
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
-from barnax.over_soc.kept import Grid, fit_kept, keep_all
 from barnax.over_soc.pack import fit_pack
+from barnax.over_soc.record_factors import Grid, factors_of_cells, fit_factors
 from barnax.over_soc.settings import TableSettings
 from barnax.pack import identify_pack
 from barnax.records import record_from_frame, source_from_frame
@@ -130,9 +130,9 @@ def test_factors_of_cells_are_those_of_their_own_records(bundled_cell, voltages)
         return prepare_record(record, bundled_cell, "so-rc", window)
 
     beside_v = voltages_v - voltages_v[:, [0]]
-    kept = keep_all(prepared("V1"), grid, beside_v, ["V1", "V2"])
-    (alone,) = keep_all(prepared("V2"), grid)
-    one, other = fit_kept(kept[1:]), fit_kept([alone])
+    factors = factors_of_cells(prepared("V1"), grid, beside_v, ["V1", "V2"])
+    (alone,) = factors_of_cells(prepared("V2"), grid)
+    one, other = fit_factors(factors[1:]), fit_factors([alone])
     assert one.objective_v == pytest.approx(other.objective_v, rel=1e-9)
 
 

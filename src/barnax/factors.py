@@ -22,7 +22,7 @@ from .errors import InputError, printable
 from .files import fetched
 from .model.layout import Layout
 from .model.reduced import Reduced
-from .over_soc.kept import FACTS, Grid, Kept, KeptOcv, OcvSource
+from .over_soc.record_factors import FACTS, Grid, NodeOcv, OcvSource, RecordFactors
 
 VERSION = 2
 # What may be in a file: enough for any record, and little enough to hold.
@@ -82,10 +82,10 @@ class _Head(_Strict):
     parts: tuple[_Part, _Part]
 
 
-def factors_to_bytes(kept: Sequence[Kept]) -> bytes:
+def factors_to_bytes(records: Sequence[RecordFactors]) -> bytes:
     """The content of a factor file; equal records give equal bytes."""
     heads, columns, rows = [], [np.empty(0, "<i4")], [np.empty(0)]
-    for record in kept:
+    for record in records:
         parts = []
         for part in record.parts:
             order, factor = _trapezoid(part.factor)
@@ -105,9 +105,9 @@ def factors_to_bytes(kept: Sequence[Kept]) -> bytes:
     return file.getvalue()
 
 
-def _head_of(kept: Kept, parts: tuple[_Part, _Part]) -> _Head:
-    values = vars(kept) | vars(kept.grid) | vars(kept.cell)
-    values |= {"nodes": [*kept.grid.nodes], "skeleton": kept.grid.span.skeleton, "parts": parts}
+def _head_of(record: RecordFactors, parts: tuple[_Part, _Part]) -> _Head:
+    values = vars(record) | vars(record.grid) | vars(record.cell)
+    values |= {"nodes": [*record.grid.nodes], "skeleton": record.grid.span.skeleton, "parts": parts}
     named = ((name, values[name]) for name in _Head.model_fields)
     return _Head(
         **{name: each.tolist() if isinstance(each, np.ndarray) else each for name, each in named}
@@ -130,7 +130,7 @@ def _digest(members: dict[str, np.ndarray]) -> bytes:
     return digest.digest()
 
 
-def read_factors(path: str | Path) -> list[Kept]:
+def read_factors(path: str | Path) -> list[RecordFactors]:
     """The records of a factor file.
 
     Args:
@@ -157,7 +157,7 @@ def read_factors(path: str | Path) -> list[Kept]:
         ) from problem
 
 
-def _parsed(content: bytes) -> list[Kept]:
+def _parsed(content: bytes) -> list[RecordFactors]:
     members = _members(content)
     if len(members["header"]) > LONGEST_HEADER:
         raise ValueError(f"its header is longer than {LONGEST_HEADER:,} bytes")
@@ -200,7 +200,7 @@ def _members(content: bytes) -> dict[str, np.ndarray]:
 
 def _records(
     heads: Sequence[_Head], columns: Int[np.ndarray, "_"], rows: Float[np.ndarray, "_"]
-) -> Iterator[Kept]:
+) -> Iterator[RecordFactors]:
     parts = [part for head in heads for part in head.parts]
     sizes = sum(part.columns for part in parts), sum(part.size for part in parts)
     if sizes != (len(columns), len(rows)) or not np.all(np.isfinite(rows)):
@@ -240,11 +240,11 @@ def _records(
             factor = np.zeros((part.rows, layout.width))
             factor[:, order] = used
             factors.append(Reduced(layout, part.scored, factor))
-        yield Kept(
+        yield RecordFactors(
             **head.model_dump(include={"name", *FACTS}),
             grid=grid,
             visited=np.array(head.visited),
             visited_ocv=np.array(head.visited_ocv),
-            cell=KeptOcv(np.array(head.ocv_v), np.array(head.slopes_v)),
+            cell=NodeOcv(np.array(head.ocv_v), np.array(head.slopes_v)),
             parts=(factors[0], factors[1]),
         )

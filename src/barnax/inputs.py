@@ -169,7 +169,7 @@ def _checked(
             warnings += [warning.about(check.file) for warning in against]
         warnings += input_warnings(check, role)
         if role == "identification" and check.traits:
-            kinds[check.file] = check.traits.kind(record_ah, has_test=not cell.is_of_records)
+            kinds[check.file] = check.traits.kind(record_ah, has_test=not cell.ocv_is_fitted)
             if check.traits.kind(record_ah) == "charge":
                 charges.add(check.file)
         # What has no one temperature has that told.

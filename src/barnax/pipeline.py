@@ -76,7 +76,7 @@ def identify(job: Job) -> Result:
         return _identified(job)
     result = _identified(planned(plan, job), plan.warnings)
     cell, reason = result.cell, plan.reasons.get("capacity", GIVEN)
-    if reason != GIVEN and not cell.is_of_records:
+    if reason != GIVEN and not cell.ocv_is_fitted:
         # Who reads the result gave none: the plan did.
         cell = replace(cell, capacity_origin=reason)
     return result.model_copy(update={"plan": plan.stored, "cell": cell})
@@ -290,7 +290,7 @@ def _without_contradicted(result: Result, warnings: Sequence[Notice]) -> list[No
     if are_unfit(names, kept, by_steps=True):
         # Too few steps of current tell no OCV from slow resistances: the test is not to blame.
         kept = [one for one in kept if one.code != "ocv-test.disagrees"]
-    is_by_test = is_test_right and not result.cell.is_of_records
+    is_by_test = is_test_right and not result.cell.ocv_is_fitted
     if is_by_test and _half_width(result) <= MAX_HALF_WIDTH:
         # What an OCV test lets the fit tell, the steps by themselves need not.
         kept = [

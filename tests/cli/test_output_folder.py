@@ -17,7 +17,7 @@ from barnax.errors import InputError
 from barnax.factors import factors_to_bytes
 from barnax.files import aside, restore, unfinished
 from barnax.model.prepared import Window, prepare_record
-from barnax.over_soc.kept import CONSTANT, Grid, fit_kept, keep
+from barnax.over_soc.record_factors import CONSTANT, Grid, factors_of, fit_factors
 
 from .conftest import BUDGET, contents
 
@@ -106,14 +106,14 @@ def test_tables_of_factors_whose_folder_was_taken_meanwhile_say_where_they_are(
 ):
     window = Window(score_to_s=2000.5)
     prepared = prepare_record(bundled_record, bundled_cell, "so-rc", window)
-    kept = keep(prepared, Grid(low_s=4.0, high_s=250.0, nodes=CONSTANT))
-    (tmp_path / "a.factors.npz").write_bytes(factors_to_bytes([kept]))
+    factors = factors_of(prepared, Grid(low_s=4.0, high_s=250.0, nodes=CONSTANT))
+    (tmp_path / "a.factors.npz").write_bytes(factors_to_bytes([factors]))
 
     def slow(*given):
         appear(tmp_path, {"out/mine.txt": b"mine"})
-        return fit_kept(*given)
+        return fit_factors(*given)
 
-    monkeypatch.setattr("barnax.over_soc.kept.fit_kept", slow)
+    monkeypatch.setattr("barnax.over_soc.record_factors.fit_factors", slow)
     ended = run("identify", "a.factors.npz", "--out", "out")
     assert ended.status == 0, ended.err
     where = f"the results are in {tmp_path / 'out-2'}"

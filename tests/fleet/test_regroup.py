@@ -17,7 +17,7 @@ from barnax.fleet.dataset import (
 from barnax.fleet.manifest import FleetCell
 from barnax.fleet.rows import identify_rows
 from barnax.model.prepared import Window, prepare_record
-from barnax.over_soc.kept import CONSTANT, Grid, keep
+from barnax.over_soc.record_factors import CONSTANT, Grid, factors_of
 from helpers.known_cell import made
 
 
@@ -35,8 +35,8 @@ def fleet(tmp_path_factory, bundled_record, bundled_cell):
     for name, first_s in (("a", 0.0), ("b", 2000.0)):
         window = Window(score_from_s=first_s, score_to_s=first_s + 2000.5)
         prepared = prepare_record(bundled_record, bundled_cell, "so-rc", window)
-        kept = keep(prepared, Grid(low_s=4.0, high_s=250.0, nodes=CONSTANT))
-        size = keep_file(out, factors_path(out, name), factors_to_bytes([kept]))
+        factors = factors_of(prepared, Grid(low_s=4.0, high_s=250.0, nodes=CONSTANT))
+        size = keep_file(out, factors_path(out, name), factors_to_bytes([factors]))
         rows.append({"id": name, "error": None, "cell_name": "A/1", "factor bytes": size})
     rows.append({"id": "c", "error": "no such file", "cell_name": "B", "factor bytes": None})
     write_rows(dataset_path(out), rows)
@@ -92,8 +92,8 @@ def test_kept_factors_of_a_chosen_circuit_answer_as_its_record_does(tmp_path):
     quick = {"seeds": 0, "trust": "none"}
     direct = barnax.identify(record, model="1rc", window=window, **quick)
     (evaluation,) = direct.without_tables().evaluations.identification
-    kept = keep(evaluation.prepared, Grid(circuit="1rc"))
-    cell = FleetCell("a", [keep_at(tmp_path, kept)])
+    factors = factors_of(evaluation.prepared, Grid(circuit="1rc"))
+    cell = FleetCell("a", [keep_at(tmp_path, factors)])
     (row,) = identify_rows(cell, {"seeds": 0, "model": "1rc"})
     assert (row["error"], row["answer"]) == (None, "1rc with a fitted OCV")
     tables = direct.fit.tables
@@ -116,7 +116,7 @@ def test_a_circuit_whose_factors_cannot_be_kept_is_refused_before_any_cell(tmp_p
     assert not begun
 
 
-def keep_at(folder, kept):
+def keep_at(folder, factors):
     path = folder / "a.factors.npz"
-    path.write_bytes(factors_to_bytes([kept]))
+    path.write_bytes(factors_to_bytes([factors]))
     return str(path)

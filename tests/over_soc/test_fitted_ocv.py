@@ -60,7 +60,7 @@ def test_ocv_and_circuit_of_a_known_cell_are_proved_and_within_their_intervals(k
     inside = np.linspace(max(0.1, soc.min()), 0.9, 50)
     assert np.max(np.abs(own.cell.average_ocv_v(inside) - ocv_v(inside))) < 3e-3
     assert own.fit.tables.at("R0 [Ohm]", inside) == pytest.approx(R0_OHM, rel=0.01)
-    assert own.cell.is_of_records
+    assert own.cell.ocv_is_fitted
     assert np.all(np.diff(own.cell.average_ocv_v(np.linspace(*own.cell.soc_range, 500))) >= 0)
     # The record is charged a little beyond where it started.
     nodes = [each for each in own.fit.intervals if each.name == OCV and each.soc > 0.23]
@@ -381,7 +381,7 @@ def test_a_record_alone_is_identified_validated_and_stored():
     assert result.metrics.identification.rmse_v < 6.5e-3
     assert result.metrics.validation[0].rmse_v < 5.5e-3
     again = barnax.Result.model_validate_json(result.to_json())
-    assert again.cell.is_of_records
+    assert again.cell.ocv_is_fitted
     # The OCV is an answer too, with its intervals at nodes closer than those of the resistances.
     frame = again.to_frame().drop_nulls("OCV low [V]")
     nodes = [node for node in again.fit.of_table(OCV) if node.low is not None]

@@ -145,14 +145,14 @@ class CellModel(Brief):
         return min(soc), max(soc)
 
     @property
-    def is_of_records(self) -> bool:
+    def ocv_is_fitted(self) -> bool:
         """True where its OCV was identified with the circuit, on records that are no OCV test."""
         return all(not point.row for point in self.points)
 
     @property
     def has_spanned_capacity(self) -> bool:
         """True where the capacity is only the charge that a record spans: it may be larger."""
-        return self.is_of_records and self.capacity_origin != GIVEN
+        return self.ocv_is_fitted and self.capacity_origin != GIVEN
 
     @property
     def has_sweep_drop(self) -> bool:
@@ -201,7 +201,7 @@ class CellModel(Brief):
         """The refusal of a rested voltage that is more than 50 mV outside the curve."""
         _, (low_v, *_, high_v) = self._rising_ocv(direction)
         whose, remedy = "of this cell", "check that the OCV test is of this cell and reaches"
-        if self.is_of_records:
+        if self.ocv_is_fitted:
             whose, remedy = "that the records show", "identify on records that reach"
         return InputError(
             f"the rested voltage {voltage_v:.4f} V is outside the OCV {whose}, {low_v:.4f} to "

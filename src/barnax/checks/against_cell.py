@@ -122,7 +122,7 @@ def compare_with_cell(
             spans = {"span_ah": span_ah, "capacity_ah": cell.capacity_ah}
             return [Notice("cell.more-charge", spans)]
         # Charge that fits nowhere ends in an error sooner or later.
-        values["ocv"] = "records" if cell.is_of_records else None
+        values["ocv"] = "records" if cell.ocv_is_fitted else None
         return [Notice("cell.other", values).rated("warning" if is_near else "error")]
     return []
 

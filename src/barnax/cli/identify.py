@@ -87,7 +87,7 @@ def _fit_factors(options: Identification, paths: list[Path]) -> None:
     run.load_jax()
     from ..factors import read_factors
     from ..over_soc.fits import TableFits
-    from ..over_soc.kept import fit_kept
+    from ..over_soc.record_factors import fit_factors
     from ..run_setup import bounded_tables
 
     job = barnax.Job(**options_of_job(options.job), watch=run.watch)
@@ -102,9 +102,9 @@ def _fit_factors(options: Identification, paths: list[Path]) -> None:
             f"{what} does nothing for factor files, whose records were read and set up when "
             "they were kept; leave it out, or identify on the records"
         )
-    kept = [record for path in paths for record in read_factors(path)]
-    fit = fit_kept(kept, bounded_tables(job, but="[F]"))
-    run.show_document(reporting.wording.document("kept", kept=kept, fit=fit))
+    factors = [record for path in paths for record in read_factors(path)]
+    fit = fit_factors(factors, bounded_tables(job, but="[F]"))
+    run.show_document(reporting.wording.document("factors", factors=factors, fit=fit))
     if run.folder is not None:
         run.write({TABLES: reporting.parameters.tables_csv(TableFits((fit,)))})
         run.show(["", str(run.folder / TABLES)])

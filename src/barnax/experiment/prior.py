@@ -100,7 +100,7 @@ def prior_of(
     if capacity_ah is not None:
         # The largest currents are those of the records.
         share = prior.cell.capacity_ah / capacity_ah
-        if prior.cell.is_of_records and abs(share - 1) > CAPACITY_WARNING:
+        if prior.cell.ocv_is_fitted and abs(share - 1) > CAPACITY_WARNING:
             raise InputError(
                 f"`capacity` {capacity_ah:g} Ah: the OCV was identified over "
                 f"{prior.cell.capacity_ah:.4g} Ah ({prior.cell.capacity_origin}), and would "
@@ -232,7 +232,7 @@ def prior_of_result(result: Result, temperature_degc: float | None = None) -> Pr
             tables=CircuitParameters.over_soc(NODES, circuit.tau_s, r0_ohm, r_ohm),
             worst=np.full(len(NODES), UNKNOWN),
             error=typical_error(rmse_v),
-            settings=with_fitted_ocv(TableSettings()) if cell.is_of_records else TableSettings(),
+            settings=with_fitted_ocv(TableSettings()) if cell.ocv_is_fitted else TableSettings(),
             ocv_reach_v=LEAST_OCV_V,
         )
     prior = counting(prior, earlier)
@@ -245,14 +245,14 @@ def prior_of_result(result: Result, temperature_degc: float | None = None) -> Pr
         prior, rates_c=rates_c, untold=untold, ocv_soc=_ocv_range(cell), at_bound=taus,
         beyond=("hold",) * is_open + ("pair",) * bool(used and least_r0_share(used) < 1),
     )  # fmt: skip
-    is_fitted_ocv = cell.is_of_records and any(part.start_source == "own span" for part in parts)
+    is_fitted_ocv = cell.ocv_is_fitted and any(part.start_source == "own span" for part in parts)
     return _started_by_voltage(prior) if is_fitted_ocv else prior
 
 
 def _ocv_range(cell: CellModel) -> tuple[float, float]:
     """From where to where the OCV of a cell is told; nearly to an end is to it."""
     low, high = cell.soc_range
-    nearly_empty = UNKNOWN_LOW_SOC - OVERSHOT if cell.is_of_records else NEARLY_SOC
+    nearly_empty = UNKNOWN_LOW_SOC - OVERSHOT if cell.ocv_is_fitted else NEARLY_SOC
     # A start that is told with so many digits.
     high = 1.0 if high > 1 - NEARLY_SOC else math.floor(1e3 * high) / 1e3
     return 0.0 if low <= nearly_empty else low, high
@@ -292,7 +292,7 @@ def prior_of_fit(fit: TableFit, settings: TableSettings, cell: CellModel, rmse_v
         tables=replace(tables, scales=fit.tables.named_tau_s, dependence=None),
         worst=_worst(fit, fit.tables.nodes),
         error=typical_error(rmse_v),
-        settings=with_fitted_ocv(settings) if cell.is_of_records else settings,
+        settings=with_fitted_ocv(settings) if cell.ocv_is_fitted else settings,
         half_widths=half_widths,
         printed=printed,
         follows=followed(fit.tables.dependence),

@@ -143,12 +143,12 @@ def window_of(cell: CellModel, chemistry: str = "") -> tuple[float, float]:
     highest_soc = cell.soc_range[1]
     highest_v = float(cell.average_ocv_v(np.array([highest_soc]))[0])
     # Of a cell without an OCV test, the fullest that was seen may be far from full.
-    if highest_soc > NEARLY_FULL and not cell.is_of_records:
+    if highest_soc > NEARLY_FULL and not cell.ocv_is_fitted:
         return LFP_WINDOW_V if highest_v < LFP_FULL_V else WINDOW_V
     if highest_v > LFP_WINDOW_V[1]:
         return WINDOW_V
     lowest_v = float(cell.average_ocv_v(np.array([cell.soc_range[0]]))[0])
-    is_lfp = cell.has_flat_ocv and (not cell.is_of_records or lowest_v < SEEN_EMPTY_V)
+    is_lfp = cell.has_flat_ocv and (not cell.ocv_is_fitted or lowest_v < SEEN_EMPTY_V)
     return LFP_WINDOW_V if is_lfp else (WINDOW_V[0], LFP_WINDOW_V[1])
 
 

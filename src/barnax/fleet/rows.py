@@ -22,7 +22,7 @@ from ..life.rows import ageing_row
 from ..model.window import Window
 from ..notices import Notice
 from ..over_soc.fit import TableFit
-from ..over_soc.kept import CONSTANT, Grid, fit_kept, keep, keep_all
+from ..over_soc.record_factors import CONSTANT, Grid, factors_of, factors_of_cells, fit_factors
 from ..over_soc.settings import table_name
 from ..pack import Pack, identify_pack
 from ..pipeline import identify, identify_problem
@@ -77,11 +77,13 @@ def identify_rows(cell: FleetCell, settings: Options, out: Path | None = None) -
             if out is not None and settings.get("keep_results"):
                 keep_file(out, result_path(out, cell.id), result.to_json().encode())
             if out is not None and grid is not None:
-                kept = [[keep(prepared, grid) for prepared in used]]
+                factors = [[factors_of(prepared, grid) for prepared in used]]
                 if pack is not None:
                     names = [cell.name for cell in pack.fit.cells]
-                    kept += [[each] for each in keep_all(used[0], grid, pack.beside_v, names)]
-                for each, records in zip([row, *of_pack], kept, strict=True):
+                    factors += [
+                        [each] for each in factors_of_cells(used[0], grid, pack.beside_v, names)
+                    ]
+                for each, records in zip([row, *of_pack], factors, strict=True):
                     content = factors_to_bytes(records)
                     each["factor bytes"] = keep_file(out, factors_path(out, each["id"]), content)
     except InputError as problem:
@@ -182,29 +184,29 @@ def _refitted(cell: FleetCell, settings: Options) -> Row:
     """The row of records of which only factors were kept, without where it is of."""
     if cell.missing:
         raise InputError(f"{'; '.join(cell.missing)}: correct the name in the manifest")
-    kept = [record for path in cell.records for record in read_factors(path)]
+    factors = [record for path in cell.records for record in read_factors(path)]
     job = job_of(settings).changed(**cell.options, bounds=cell.bounds)
-    if job.model not in (None, kept[0].circuit):
+    if job.model not in (None, factors[0].circuit):
         raise InputError(
-            f"the factors are of {kept[0].circuit}, and {job.model} was asked for; identify the "
+            f"the factors are of {factors[0].circuit}, and {job.model} was asked for; identify the "
             f"records with `model` {job.model}, and keep their factors again"
         )
     if job.model is not None and job.over is None:
         # As the records themselves would be fitted.
-        kept = [record.constant() for record in kept]
-    fit = fit_kept(kept, bounded_tables(job, but="[F]"))
-    counts = [record.scored for record in kept]
+        factors = [record.constant() for record in factors]
+    fit = fit_factors(factors, bounded_tables(job, but="[F]"))
+    counts = [record.scored for record in factors]
     whole_v = float(np.sqrt(np.average([e.rmse_v**2 for e in fit.errors], weights=counts)))
-    grid, circuit = kept[0].grid, kept[0].circuit
+    grid, circuit = factors[0].grid, factors[0].circuit
     # A constant circuit with an OCV of its own stands where tables do, as by its records.
     is_constant = grid.is_constant and grid.ocv != "own"
     over = "ocv" if grid.is_constant else "soc"
     return {
         "circuit": circuit,
-        "records": f"{len(kept)} kept",
+        "records": f"{len(factors)} kept",
         "samples": sum(counts),
-        "duration [s]": sum(record.scored_duration_s for record in kept),
-        "capacity [A.h]": kept[0].capacity_ah,
+        "duration [s]": sum(record.scored_duration_s for record in factors),
+        "capacity [A.h]": factors[0].capacity_ah,
         "RMSE [V]": whole_v,
         **_middle_of(fit, "" if is_constant else "tables "),
         **fit.tables.constants,

@@ -298,7 +298,7 @@ def with_better_hold(problem: "Problem") -> "Problem":
     """
     records = problem.prepared_records
     is_open = [prepared.record.hold.strength == "assumed" for prepared in records]
-    has_rate, is_fitted = get_circuit(problem.circuit).has_rate, problem.cell.is_of_records
+    has_rate, is_fitted = get_circuit(problem.circuit).has_rate, problem.cell.ocv_is_fitted
     if has_rate or not any(is_open) or not any(_can_tell(each, is_fitted) for each in records):
         return problem
     reason = "the voltage follows it far better than the other"

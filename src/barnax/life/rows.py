@@ -181,7 +181,7 @@ def ageing_row(
         "record throughput [A.h]": passed_as / 3600,
         "aged beside OCV": hashlib.sha256(ocv_v.tobytes()).hexdigest()[:16],
     }
-    is_fitted_ocv = is_fitted_ocv and records[0].cell.is_of_records
+    is_fitted_ocv = is_fitted_ocv and records[0].cell.ocv_is_fitted
     ageing = measure_ageing(records, TableSettings(), is_fitted=is_fitted_ocv)
     capacity = ageing.get(CAPACITY)
     row["aged capacity to empty"] = capacity and shows_both_ends(records, capacity.value)

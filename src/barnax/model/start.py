@@ -119,7 +119,7 @@ def find_start(
                 notices = [Notice("start.beyond-an-end", moved, record.name)]
     elif not unrested:
         (soc, soc_sd), soc_source = begun.rested(first, direction), "rested voltage"
-    elif fitted := None if cell.is_of_records else fitted_soc(record, cell, capacity_ah, first):
+    elif fitted := None if cell.ocv_is_fitted else fitted_soc(record, cell, capacity_ah, first):
         (soc, soc_sd), soc_source = fitted, "fitted"
         values = {"start_row": record.row[at], "soc": soc, "soc_sd": soc_sd}
         notices = [Notice("start.fitted", values, record.name)]
@@ -314,7 +314,7 @@ class _Beginning:
         branch = self.cell.charge if start.direction > 0 else self.cell.discharge
         low_v, high_v = branch(np.array(self.cell.soc_range)).tolist()
         beyond_v = max(start.voltage_v - high_v, low_v - start.voltage_v)
-        if beyond_v > BEYOND_OCV_V + 3 * sd_v and not self.cell.is_of_records:
+        if beyond_v > BEYOND_OCV_V + 3 * sd_v and not self.cell.ocv_is_fitted:
             where = {"voltage_v": start.voltage_v, "start_row": start.row}
             ends = {"beyond_v": beyond_v, "low_v": low_v, "high_v": high_v}
             yield Notice("start.beyond-ocv", {**where, **ends}, self.record.name)
@@ -324,7 +324,7 @@ class _Beginning:
         record, first = self.record, self.first
         # What other records of the cell made of it is no doubt of what was given.
         window = self.window.unregistered
-        if self.cell.is_of_records or window.initial_soc is None:
+        if self.cell.ocv_is_fitted or window.initial_soc is None:
             return
         counted = float(self.discharged_ah[at] - self.discharged_ah[first]) / self.capacity_ah
         given_soc = window.initial_soc - counted - self.counted_soc

@@ -177,7 +177,7 @@ def within_ocv(
         return scored, [Notice("soc.outside-ocv", counts, record.name)]
     at = far[0]
     given = {"far_row": record.row[at], "capacity_ah": capacity_ah}
-    given |= {"ocv": "records" if cell.is_of_records else "test"}
+    given |= {"ocv": "records" if cell.ocv_is_fitted else "test"}
     end, end_soc, way = ("empty", low, 1) if soc[at] < low else ("full", high, -1)
     end_v = float(cell.average_ocv_v(np.array([end_soc]))[0])
     source_v = record.voltage_v[at] + record_resistance_ohm(record) * record.current_a[at]
@@ -193,7 +193,7 @@ def within_ocv(
         # The correction of the OCV reaches a little beyond the last rest of a pulse test.
         outside = scored & (beyond > OCV_MARGIN)
         counts |= {"far": "own", "instead": "own"}
-    elif cell.is_of_records:
+    elif cell.ocv_is_fitted:
         counts |= {"instead": "records"}
     notice = Notice("soc.without-ocv", {"left_out": outside.sum(), **counts}, record.name)
     return scored & ~outside, [notice]

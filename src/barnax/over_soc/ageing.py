@@ -127,7 +127,7 @@ def measure_ageing(
     plain = replace(plain, ocv_correction=False)
     given_soc, count = np.array([prepared.start.soc for prepared in records]), len(records)
     # What was called full when the OCV was identified.
-    axis_sd = FULL_SD if records[0].cell.is_of_records else HELD_SD
+    axis_sd = FULL_SD if records[0].cell.ocv_is_fitted else HELD_SD
     steps = len(OCV_NODES) - 1
     sds = [*starts_sd, CAPACITY_SD, SHIFT_SD_V, axis_sd, *[OCV_SD_V] * len(OCV_NODES)]
     priors = [np.array([*sds, *[shape_v / np.sqrt(steps)] * steps]) for shape_v in SHAPES_V]

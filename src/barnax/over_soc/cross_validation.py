@@ -109,16 +109,16 @@ def cross_validate(objective: TableObjective, best: Solution) -> CrossValidation
     None where nothing is held out, or where all samples lie in one fold.
     """
     groups = _Groups.of(objective, best)
-    labels = groups.record if objective.is_kept else groups.fold
+    labels = groups.record if objective.is_of_factors else groups.fold
     if not groups.are_apart(labels):
         return None
     # An OCV of kept records is told by the others, for there are several.
-    squares_v2, counts = groups.held_out(labels, has_ocv_of_all=not objective.is_kept)
+    squares_v2, counts = groups.held_out(labels, has_ocv_of_all=not objective.is_of_factors)
     tables = SocErrors.of_squares(squares_v2.sum(axis=0), counts.sum(axis=0))
     records, block_s, by_record = objective.prepared_records, None, ()
-    if not objective.is_kept:
+    if not objective.is_of_factors:
         block_s = block_length_s(records[0], objective.settings)
-    if objective.is_kept or are_left_out_whole(records):
+    if objective.is_of_factors or are_left_out_whole(records):
         groups = _Groups.of(_as_given(objective, best), best)
         by_record = _by_record(groups.held_out(groups.record))
     return CrossValidation(objective.settings.folds, block_s, tables, by_record)
@@ -127,7 +127,7 @@ def cross_validate(objective: TableObjective, best: Solution) -> CrossValidation
 def _as_given(objective: TableObjective, best: Solution) -> TableObjective:
     """The same at the time constants of all, with starts and capacities as they were given."""
     records, settings = objective.prepared_records, objective.settings
-    if objective.is_kept or not any(prepared.window.registration for prepared in records):
+    if objective.is_of_factors or not any(prepared.window.registration for prepared in records):
         return objective
     held = held_at(objective.ranges, best.log_scales)
     given = reduced_objective([prepared.unregistered for prepared in records], settings, held)
@@ -285,7 +285,7 @@ def with_spread(
     shows.
     """
     records = objective.prepared_records
-    by_record = objective.is_kept or are_left_out_whole(objective.prepared_records)
+    by_record = objective.is_of_factors or are_left_out_whole(objective.prepared_records)
     if len(records) < FEWEST_RECORDS or not objective.settings.folds or not by_record:
         return tuple(intervals)
     groups, rows, visits = _Groups.of(objective, best), [], []
@@ -315,7 +315,7 @@ def with_spread(
         reach = float(reach * np.sqrt(1 + 1 / len(separate)))
         middle, least = float(np.mean(separate)), 0.0 if is_resistance(interval.name) else -np.inf
         low, high = max(middle - reach, least), middle + reach
-        if objective.is_kept:
+        if objective.is_of_factors:
             # Nothing else is known of the joint value than what the records make of it.
             error = float(np.std(separate, ddof=1)) / len(separate) ** 0.5
             both = reach / (len(separate) + 1) ** 0.5

@@ -54,7 +54,7 @@ def laws_for(prepared_records: Sequence[PreparedRecord]) -> tuple[str, ...]:
     is_measured = _spread_k(prepared_records) >= LEAST_SPREAD_K
     kinds = ("temperature", "current") if is_measured else ("heating", "current")
     kinds = kinds if is_measured or len(prepared_records) > 1 else ()
-    return (*kinds, "direction") if prepared_records[0].cell.is_of_records else kinds
+    return (*kinds, "direction") if prepared_records[0].cell.ocv_is_fitted else kinds
 
 
 def with_asked(objective: TableObjective, best: Solution) -> tuple[TableObjective, Solution]:

@@ -57,7 +57,7 @@ class TableObjective(LinearObjective):
     name; `LogScales` are the logarithms of these. `reduced` is the factor of all scored samples,
     `parts` those of the groups of `blocks_of`, whose nodes may be finer; `smoothing_scale` scales
     all smoothing weights.
-    Records that were kept (`is_kept`) are without samples, and stand in place of prepared ones.
+    Factors of records (`is_of_factors`) are without samples, and stand in place of prepared ones.
     """
 
     prepared_records: Sequence[Any]
@@ -66,7 +66,7 @@ class TableObjective(LinearObjective):
     reduced: Reduced
     parts: Sequence[Reduced] = ()
     smoothing_scale: float = 1.0
-    is_kept: bool = False
+    is_of_factors: bool = False
 
     @property
     def numbers(self) -> dict[str, float]:

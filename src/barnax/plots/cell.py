@@ -51,7 +51,7 @@ def plot_ocv(cell: "CellModel | Result | str | Path") -> Figure:
     if not isinstance(cell, CellModel):
         result = style.opened(cell)
         cell, nodes = result.cell, [fact for fact in result.fit.facts if fact.name == OCV]
-    if cell.is_of_records:
+    if cell.ocv_is_fitted:
         return plot_fitted_ocv(cell, nodes)
     branches = [
         (name, curve, np.array([(point.soc, point.voltage_v) for point in points]).T, look)

@@ -101,7 +101,7 @@ def comparison_illustrations(result: "ComparisonResult", *, live: bool = False) 
 
     Where `live`, the voltages of a record have an interactive form.
     """
-    drawn = [illustrate("ocv", result.cell.is_of_records, plots.plot_ocv, result.cell)]
+    drawn = [illustrate("ocv", result.cell.ocv_is_fitted, plots.plot_ocv, result.cell)]
     evaluations = {row.name: row.evaluations for row in result.answered if row.evaluations}
     records = len(next(iter(evaluations.values()), ()))
     for index, role in enumerate(record_roles(1, records - 1) if records else ()):
@@ -129,7 +129,7 @@ def _of_record(role: str, drawn: "Evaluation | Mapping[str, Evaluation]", live_o
 
 
 def _of_ocv(result: "Result") -> Picture:
-    return illustrate("ocv", result.cell.is_of_records, plots.plot_ocv, result)
+    return illustrate("ocv", result.cell.ocv_is_fitted, plots.plot_ocv, result)
 
 
 def _of_tables(result: "Result") -> Drawn:

@@ -94,7 +94,7 @@ class Grid:
 
 
 @dataclass(frozen=True, eq=False)
-class KeptOcv:
+class NodeOcv:
     """The OCV that a record's errors are counted from: in V and its least slopes, at the nodes."""
 
     ocv_v: Float[np.ndarray, "nodes"]
@@ -112,7 +112,7 @@ class KeptOcv:
 
 
 @dataclass(frozen=True, eq=False)
-class Kept:
+class RecordFactors:
     """A record's factors and what a fit asks of it besides: all that its length costs.
 
     `parts` are of the samples below and above 10 % SOC, which errors are told of by themselves.
@@ -129,7 +129,7 @@ class Kept:
     scored_duration_s: float
     visited: Bool[np.ndarray, "nodes"]
     visited_ocv: Bool[np.ndarray, "ocv_nodes"]
-    cell: KeptOcv
+    cell: NodeOcv
     parts: tuple[Reduced, Reduced]
     dependence: None = None
 
@@ -146,14 +146,14 @@ class Kept:
         """True at the nodes of its tables that are nearest to some sample."""
         return self.visited if np.array_equal(nodes, self.grid.nodes) else self.visited_ocv
 
-    def constant(self) -> "Kept":
+    def constant(self) -> "RecordFactors":
         """The same for a circuit with one value of each resistance at every SOC, and the OCV of its
         own where it has one."""
         grid = replace(self.grid, nodes=CONSTANT)
         parts = tuple(part.coarser(has_ocv=grid.layout.has_correction) for part in self.parts)
         return replace(self, grid=grid, visited=np.array([True]), parts=parts)
 
-    def counted_from(self, ocv: KeptOcv) -> "Kept":
+    def counted_from(self, ocv: NodeOcv) -> "RecordFactors":
         """The same with errors counted from another OCV, which differs by lines between nodes."""
         apart_v = self.cell.ocv_v - ocv.ocv_v
         if not np.any(apart_v):
@@ -167,24 +167,24 @@ class Kept:
         return replace(self, cell=ocv, parts=tuple(map(moved, self.parts)))
 
 
-def keep(prepared: PreparedRecord, grid: Grid | None = None) -> Kept:
+def factors_of(prepared: PreparedRecord, grid: Grid | None = None) -> RecordFactors:
     """A record's factors on a grid; that of a cell without an OCV test has its OCV among the
     columns. Raises `InputError` where the grid's circuit does not fit the cell."""
-    (kept,) = keep_all(prepared, grid or Grid())
-    return kept
+    (record,) = factors_of_cells(prepared, grid or Grid())
+    return record
 
 
 @in_float64
-def keep_all(
+def factors_of_cells(
     prepared: PreparedRecord,
     grid: Grid,
     beside_v: Float[np.ndarray, "simulated cells"] | None = None,
     names: Sequence[str] = (),
-) -> list[Kept]:
+) -> list[RecordFactors]:
     """The same of every cell of a pack, whose voltages are so far above the record's."""
     cell = prepared.cell
     simulated = prepare_record(prepared.record, cell, grid.circuit, prepared.window)
-    if cell.is_of_records:
+    if cell.ocv_is_fitted:
         grid = replace(grid, ocv="own")
         (simulated,) = leveled([simulated], prepared)
     record = prepared.record.name
@@ -200,9 +200,9 @@ def keep_all(
     slopes_v = simulated.cell.least_ocv_slopes(ocv_nodes) if has_slopes else np.empty(0)
     facts = {name: getattr(simulated, name) for name in FACTS}
     facts |= {"visited": simulated.nearest(nodes), "visited_ocv": simulated.nearest(ocv_nodes)}
-    ocv = KeptOcv(simulated.cell.average_ocv_v(ocv_nodes), slopes_v)
+    ocv = NodeOcv(simulated.cell.average_ocv_v(ocv_nodes), slopes_v)
     return [
-        Kept(name=name, grid=grid, cell=ocv, **facts,
+        RecordFactors(name=name, grid=grid, cell=ocv, **facts,
              parts=(_shortened(below.side(side)), _shortened(above.side(side))))
         for side, name in enumerate(named)
     ]  # fmt: skip
@@ -216,27 +216,29 @@ def _shortened(part: Reduced) -> Reduced:
 
 
 @in_float64
-def fit_kept(kept: Sequence[Kept], settings: TableSettings | None = None) -> TableFit:
-    """The best tables for some kept records together, as `fit_tables` finds them from samples.
+def fit_factors(
+    records: Sequence[RecordFactors], settings: TableSettings | None = None
+) -> TableFit:
+    """The best tables of some records together, as `fit_tables` finds them from samples.
 
     There is no proof. Intervals are of the spread of at least three records' own fits: what is
     correlated within a record is not kept.
 
     Args:
-        kept: Records on one grid, whose states of charge are on one axis.
+        records: Their factors on one grid, whose states of charge are on one axis.
         settings: Weights, bounds and fixed values; the nodes are the grid's.
 
     Raises `InputError` where records are on different grids.
     """
-    first = kept[0]
-    for record in kept:
+    first = records[0]
+    for record in records:
         if record.grid != first.grid:
             raise InputError(
                 f"{record.name}: its factor is on another grid than that of {first.name}: "
                 f"{record.grid} instead of {first.grid}; keep factors of all records with the same "
                 "options"
             )
-    objective = objective_of(kept, settings or TableSettings())
+    objective = objective_of(records, settings or TableSettings())
     best = find_best(objective)
     return fit_of(
         objective,
@@ -246,9 +248,9 @@ def fit_kept(kept: Sequence[Kept], settings: TableSettings | None = None) -> Tab
     )
 
 
-def objective_of(kept: Sequence[Kept], settings: TableSettings) -> TableObjective:
+def objective_of(records: Sequence[RecordFactors], settings: TableSettings) -> TableObjective:
     """The objective; time constants are those of the records that the grid answers."""
-    grid = kept[0].grid
+    grid = records[0].grid
     layout = grid.layout
     settings = replace(
         settings,
@@ -261,15 +263,16 @@ def objective_of(kept: Sequence[Kept], settings: TableSettings) -> TableObjectiv
     )
     if grid.ocv == "own":
         settings = with_fitted_ocv(settings)
-        kept = [record.counted_from(kept[0].cell) for record in kept]
+        records = [record.counted_from(records[0].cell) for record in records]
     ranges = {
         name: (min(max(low, grid.low_s), grid.high_s), max(min(high, grid.high_s), grid.low_s))
-        for name, (low, high) in box_of(kept, settings).items()
+        for name, (low, high) in box_of(records, settings).items()
     }
-    parts = [part for record in kept for part in record.parts]
+    parts = [part for record in records for part in record.parts]
     # Factors of few rows join one of no samples.
     none = Reduced(layout, 0, np.zeros((layout.width, layout.width)))
-    return TableObjective(kept, settings, ranges, together([none, *parts]), parts, is_kept=True)
+    joined = together([none, *parts])
+    return TableObjective(records, settings, ranges, joined, parts, is_of_factors=True)
 
 
 def _without_noise(objective: TableObjective, best: Solution) -> tuple[NodeInterval, ...]:

@@ -110,5 +110,7 @@ def test_the_slope_in_the_rate_is_that_of_the_errors(bundled_cell):
         point, step = jnp.asarray(objective.coordinates.encode(rc_parameters(CIRCUIT))), 1e-5
         errors = eqx.filter_jit(residuals)
         slope = eqx.filter_jit(jax.jacfwd(residuals))(point, objective)[:, -1]
-        raised, lowered = (errors(point.at[-1].add(by), objective) for by in (step, -step))
+        raised, lowered = (
+            np.asarray(errors(point.at[-1].add(by), objective)) for by in (step, -step)
+        )
     np.testing.assert_allclose(slope, (raised - lowered) / (2 * step), rtol=1e-5, atol=1e-12)

@@ -13,8 +13,8 @@ from scipy.interpolate import make_interp_spline
 from scipy.io import loadmat
 
 from barnax.export import EXPORTERS, pulse_profile
-from barnax.export.python_modules import simulate_here
 from barnax.export.tables import TOLERANCE_V, tables_of
+from barnax.export.verification import simulate_here
 from helpers.results import (
     GAMMA,
     NODES,

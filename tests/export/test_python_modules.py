@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from barnax.export import EXPORTERS, HeldLoad
-from barnax.export.python_modules import pulse_profile, simulate_here
 from barnax.export.tables import TOLERANCE_V, tables_of
+from barnax.export.verification import pulse_profile, simulate_here
 from helpers.results import (
     CAPACITY_AH,
     CORRECTION_V,

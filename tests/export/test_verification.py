@@ -10,8 +10,8 @@ from scipy.signal import lfilter
 
 from barnax.errors import InputError
 from barnax.export import EXPORTERS, HeldLoad, require_package, verify
-from barnax.export.python_modules import simulate_here
 from barnax.export.tables import TOLERANCE_V, tables_of
+from barnax.export.verification import simulate_here
 from helpers.results import CAPACITY_AH, PAIRS, make_result, make_table_result
 
 SHORT = HeldLoad(1.0 * np.arange(200), np.where(np.arange(200) % 40 < 20, 2.0, -1.0))

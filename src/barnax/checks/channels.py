@@ -10,7 +10,7 @@ from ..records.dialects import CHARGE, DISCHARGE
 from ..records.record import Places, equal_runs, run_sums
 from ..records.samples import Samples
 from ..records.sign import step_votes
-from .traits import CheckInput
+from .check_input import CheckInput
 
 # How many steps of either kind make a pattern, at an end of the record and within it, and how far
 # they must agree.

@@ -9,7 +9,7 @@ from ..notices import Notice
 from ..records.counters import gain_ah
 from ..records.record import held, runs
 from ..records.samples import STEADY_SHARE
-from .traits import CheckInput
+from .check_input import CheckInput
 
 # As shares of all the charge that went in and out. Testers integrate between the samples that
 # they log, so that a fast current and slow samples differ by a percent.

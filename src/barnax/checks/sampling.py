@@ -8,7 +8,8 @@ from ..notices import Notice
 from ..records.lag import LASTING, LATE_SURE, answers_ohm, late_r0_ohm
 from ..records.record import equal_runs
 from ..records.silence import gaps_in
-from .traits import FINE_S, CheckInput
+from .check_input import CheckInput
+from .traits import FINE_S
 
 # More than this share of all intervals is how the tester samples.
 _MANY = 0.1

@@ -13,10 +13,10 @@ from . import files, python_modules
 from .exporter import Export as Export
 from .exporter import Exporter as Exporter
 from .exporter import HeldLoad as HeldLoad
-from .python_modules import Verification as Verification
-from .python_modules import pulse_profile as pulse_profile
-from .python_modules import require_package as require_package
-from .python_modules import verify as verify
+from .verification import Verification as Verification
+from .verification import pulse_profile as pulse_profile
+from .verification import require_package as require_package
+from .verification import verify as verify
 
 # A new target is a function and one entry here: its name, a line about it, its usual file, and the
 # package that runs it, if there is one.

@@ -10,7 +10,7 @@ from scipy.linalg import block_diag
 from scipy.special import stdtrit
 
 from ..cell import CellModel, CircuitParameters, get_circuit
-from ..cell.curves import KNOTS
+from ..cell.hysteresis import KNOTS
 from ..cell.parameters import HALF_HYSTERESIS, OHMIC
 from ..cell.tables import hats
 from ..display import Brief

@@ -9,7 +9,6 @@ import pytest
 
 import barnax
 from barnax.bundled import BUNDLED
-from barnax.export.tables import tables_of
 from barnax.global_optimum.search import find_global_optimum
 from barnax.identification import best_of
 from barnax.model.window import Window
@@ -91,23 +90,6 @@ def test_equal_runs_are_equal_bytes_and_another_key_is_another_search(result):
 def test_to_dict_holds_plain_values_equal_to_the_file(result, document):
     # No subclass of a plain type has its representation.
     assert repr(result.to_dict()) == repr(document)
-
-
-@pytest.mark.slow
-def test_an_export_starts_where_the_simulation_does(bundled_cell):
-    # From 5,000 s on the cell comes from a discharge, whatever was before the record.
-    window = Window(start_time_s=5000.0, score_to_s=6500.0, initial_soc=0.7)
-    windows = {"identification.parquet": window, "": Window(score_to_s=1500.0)}
-    stored = barnax.identify(
-        window=windows, setup="li2023", seeds=1, population=8, iterations=1, trust="none"
-    )
-    assert stored.start.direction_source == "load before"
-    assert stored.start.direction == -1
-    assert stored.start_rest_current_a == pytest.approx(bundled_cell.capacity_ah / 100)
-    prepared = stored.evaluations.identification[0].prepared
-    away_v = prepared.source_v[0] - bundled_cell.average_ocv_v(prepared.soc[:1])[0]
-    assert tables_of(stored).initial_hysteresis_v == pytest.approx(away_v, abs=1e-6)
-    assert away_v < -1e-3
 
 
 def test_a_seed_that_failed_altogether_is_stored(result):

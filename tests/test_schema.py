@@ -170,21 +170,17 @@ GAPS = {"gaps": 1, "longest_s": 60.0, "longest_row": 12, "charge": "steady", "he
 
 
 def test_a_notice_is_stored_with_its_words_and_read_by_its_code(read):
-    told = Notice("gaps.missing", GAPS, "us06.csv", 12)
-    result = Result.from_json(RESULT).model_copy(update={"warnings": (told,)})
-    (stored,) = result.to_dict()["warnings"]
-    assert stored["values"]["held [A.h]"] == 0.02
-    assert f"us06.csv: row 12: {stored['what']}; {stored['remedy']}" == str(told)
-    assert read(json.loads(result.to_json())).warnings == (told,)
-
-
-def test_a_stored_notice_with_a_number_too_large_to_word_is_read_as_it_was_worded(read):
-    told = Notice("gaps.missing", GAPS, "us06.csv", 12)
-    result = Result.from_json(RESULT).model_copy(update={"warnings": (told,)})
+    notice = Notice("gaps.missing", GAPS, "us06.csv", 12)
+    result = Result.from_json(RESULT).model_copy(update={"warnings": (notice,)})
     document = json.loads(result.to_json())
-    document["warnings"][0]["values"]["held [A.h]"] = 10**400
+    (stored,) = document["warnings"]
+    assert stored["values"]["held [A.h]"] == 0.02
+    assert f"us06.csv: row 12: {stored['what']}; {stored['remedy']}" == str(notice)
+    assert read(document).warnings == (notice,)
+    # One with a number too large to word is read as it was worded.
+    stored["values"]["held [A.h]"] = 10**400
     (warning,) = read(document).warnings
-    assert (warning.code, str(warning)) == ("stored.text", str(told))
+    assert (warning.code, str(warning)) == ("stored.text", str(notice))
 
 
 def leaves_of(part: Any, place: str = "") -> Iterator[str]:

@@ -76,13 +76,6 @@ def test_json_holds_every_file_and_goes_to_stdout_alone(run, faulty, unreadable)
     assert "binary" in json.loads(outcome.out)["files"][0]["unreadable"]
 
 
-def test_the_capacity_judges_the_charge(run, refuse):
-    outcome = run("check", BUNDLED.record, "--capacity", "1.5")
-    assert outcome.status == 1
-    assert "125.7 %" in " ".join(outcome.out.split())
-    assert "must be positive" in refuse("check", BUNDLED.record, "--capacity", "0")
-
-
 def test_words_of_the_file_are_shown_as_they_stand(run, tmp_path):
     frame().rename({VOLTAGE: "[bold]Voltage[/bold] x"}).write_csv(tmp_path / "[red]cell.csv")
     outcome = run("check", tmp_path / "[red]cell.csv")

@@ -35,15 +35,6 @@ def test_every_target_goes_to_its_own_file(run, stored, tmp_path, name):
     assert {*contents(stored.parent)} == {exporter.file_name, "result.json"}
 
 
-def test_an_existing_file_is_replaced_only_by_force(run, refuse, stored):
-    place = stored.with_name("barnax_cell.h")
-    place.write_text("mine")
-    message = refuse("export", stored, "--to", "c-header")
-    assert "barnax_cell.h: exists already; replace it with --force" in message
-    assert run("export", stored, "--to", "c-header", "--force").status == 0
-    assert place.read_text().startswith("/*\n * Written by barnax")
-
-
 @pytest.mark.parametrize("name", ["pybamm", "thevenin"])
 # What other packages warn of when they are imported is theirs.
 @pytest.mark.filterwarnings("ignore")

@@ -2,8 +2,6 @@
 
 import json
 
-import pytest
-
 from barnax.bundled import BUNDLED
 from barnax.replay import SCENARIOS
 
@@ -35,10 +33,3 @@ def test_a_replay_is_a_screen_a_file_and_a_figure(run, finished, tmp_path):
         assert shown == [f"{100 * part[name]:.1f}" for name in ("whole_rms", "whole_max")]
     again = run("soc", finished.folder, BUNDLED.validation)
     assert "holds a result; replace it with --force" in again.err
-
-
-@pytest.mark.slow
-def test_json_goes_to_stdout_and_writes_nothing(run, finished, tmp_path):
-    outcome = run("soc", finished.folder, BUNDLED.validation, "--json", "--score-to", "1000")
-    assert json.loads(outcome.out)["samples"] == 1001
-    assert contents(tmp_path) == {}

@@ -12,7 +12,6 @@ sample looks like a part of one, and R0 then holds it.
 """
 
 import itertools
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -253,7 +252,7 @@ def lagged(
 
     SciPy's `lfilter` is that too, but a quarter of what a command loads comes with it.
     """
-    kept = math.exp(-1 / tau)
+    kept = np.exp(-1 / tau)
     bands = np.tile([1.0, -kept], (values.shape[-1], 1)).T
     (solve,) = get_lapack_funcs(("tbtrs",), (bands,))
     driven = np.zeros(values.shape)

@@ -15,6 +15,7 @@ from ..cell import CircuitParameters
 from ..cell.elements import rungs_of
 from ..records import Hold
 from ..records.record import EARLIER_SHARE
+from .exponentials import AT_ONCE
 from .prepared import PreparedRecord
 from .reference import simulate_circuit
 
@@ -125,7 +126,7 @@ def shift_ohm(
     """
     pairs = rungs_of(circuit.elements)
     # Of a mixture, what is far faster than the sampling moves to R0 as a whole.
-    least = 0.0 if all(pair.share == 1 for pair in pairs) else 0.5
+    least = math.exp(-AT_ONCE) if all(pair.share == 1 for pair in pairs) else 0.5
     moved_ohm = 0.0
     for pair in pairs:
         kept = max(math.exp(-interval_s / (circuit.tau_s[pair.element] * pair.ratio)), least)

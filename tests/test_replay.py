@@ -36,6 +36,11 @@ def replay(result):
     return replay_soc(result, BUNDLED.validation, scenarios=SCENARIOS)
 
 
+def test_the_right_start_comes_first_whatever_is_tried(result):
+    wrong = replay_soc(result, BUNDLED.validation, scenarios=SCENARIOS[2:])
+    assert [each.name for each in wrong.scenarios] == ["right start", "start 20 % too low"]
+
+
 def test_errors_are_against_the_counter_from_convergence_on(replay):
     traces, right = replay.traces, replay.scenarios[0]
     time_s, errors = traces.time_s, np.asarray(traces.estimate.soc) - traces.truth

@@ -159,7 +159,8 @@ def replay_soc(
         window: The part of the record that is replayed; by default its own if the result is of
             it, else the one that a plan gives it.
         settings: The filter.
-        scenarios: Wrong starts, currents and capacities; by default four cases.
+        scenarios: Wrong starts, currents and capacities; by default four cases. The right start
+            is tried first in any case.
         current_sign: The sign of the file's current; "auto" decides from the data.
         current_hold: When a sample's current flows; "auto" decides from the data.
         voltage_lag: How much older its voltage is than its current, as for `read_record`.
@@ -194,7 +195,10 @@ def replay_soc(
     warnings += no_temperature(prepared, used.fits)
     capacity_ah = prepared.capacity_ah
     model = model_of(used, settings.estimate, capacity_ah)
-    tried = {scenario: first_with_room(prepared.soc, scenario.soc_error) for scenario in scenarios}
+    # Innovations and estimates are told from the right start, which comes first.
+    right = [one for one in scenarios if one == Scenario(one.name)] or [SCENARIOS[0]]
+    ordered = dict.fromkeys([*right, *scenarios])
+    tried = {scenario: first_with_room(prepared.soc, scenario.soc_error) for scenario in ordered}
     cases = [
         case_of(model, prepared, scenario, first, settings.soc_sd)
         for scenario, first in tried.items()
@@ -215,8 +219,8 @@ def replay_soc(
         np.stack([from_start(case.counted, case.first) for case in cases]),
     )
     parts = tuple(score(case, capacity_ah, prepared, estimate) for case, estimate in pairs)
-    right, first = of_cases[0], cases[0].first
-    normalised = np.asarray(right.innovation_v / right.innovation_sd_v)
+    from_right, first = of_cases[0], cases[0].first
+    normalised = np.asarray(from_right.innovation_v / from_right.innovation_sd_v)
     normalised = normalised[: len(prepared.soc) - first]
     flat_soc = prepared.soc[model.doubt_at(prepared.soc) > FLAT]
     replay = SocReplay(

@@ -74,6 +74,8 @@ def test_json_holds_every_file_and_goes_to_stdout_alone(run, faulty, unreadable)
     outcome = run("check", unreadable, "--json")
     assert outcome.status == 2
     assert "binary" in json.loads(outcome.out)["files"][0]["unreadable"]
+    gone = run("check", "gone.csv", "--json")
+    assert [one["file"] for one in json.loads(gone.out)["files"]] == ["gone.csv"]
 
 
 def test_words_of_the_file_are_shown_as_they_stand(run, tmp_path):

@@ -72,12 +72,16 @@ def check(what: Checked) -> None:
     checks, unreadable = [], []
     listed: list[dict[str, Any]] = []
 
+    def refuse(path: Path, problem: InputError) -> None:
+        unreadable.append(str(problem))
+        listed.append({"file": printable(path.name), "unreadable": printable(str(problem))})
+
     files: list[Path] = []
     for given in what.files:
         try:
             files += files_of([given])
         except InputError as problem:
-            unreadable.append(str(problem))
+            refuse(Path(given), problem)
     require_records(how.lags_s, {name_of(path) for path in (*what.files, *files)})
     for file in files:
         try:
@@ -85,8 +89,7 @@ def check(what: Checked) -> None:
                 source = read_source(file, **how.of_tables)
                 check = barnax.check_file(source, **chosen, **how.of_record(source.name))
         except InputError as problem:
-            unreadable.append(str(problem))
-            listed.append({"file": printable(file.name), "unreadable": printable(str(problem))})
+            refuse(file, problem)
             continue
         checks.append(check)
         listed.append(check.to_dict())

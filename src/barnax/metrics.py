@@ -1,11 +1,22 @@
-"""Errors of simulated against measured voltage (Li et al., 2023, Eq. 22 to 26)."""
+"""Errors of simulated against measured voltage (Li et al., 2023, Eq. 22 to 26), and the quantiles
+of intervals."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from scipy.special import stdtrit
 
 Voltage = Float[np.ndarray, "samples"]
+# Of every interval, and half of one in standard deviations of a normal distribution.
+CONFIDENCE, NORMAL_95 = 0.95, 1.96
+# Median absolute deviations of a normal distribution in its standard deviation.
+TO_SD = 1.4826
+
+
+def t_quantile(freedom: float) -> float:
+    """Half a confidence interval in standard errors, with so many degrees of freedom."""
+    return float(stdtrit(freedom, (1 + CONFIDENCE) / 2))
 
 
 @dataclass(frozen=True)
@@ -62,10 +73,6 @@ def _determination(squares: float, measured_v: Voltage, center_v: float) -> floa
         # A flat record explains nothing: perfect only if it is met exactly.
         return 1.0 if squares == 0 else -np.inf
     return 1 - squares / spread
-
-
-# 1.4826 median absolute deviations are a normal distribution's standard deviation.
-TO_SD = 1.4826
 
 
 def robust_deviations(values: Float[np.ndarray, "_"]) -> Float[np.ndarray, "_"]:

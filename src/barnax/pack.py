@@ -15,7 +15,7 @@ from .display import Brief
 from .errors import InputError
 from .inputs import listed, source_of
 from .job import Job, takes_options
-from .metrics import robust_deviations
+from .metrics import NORMAL_95, robust_deviations
 from .model.prepared import PreparedRecord
 from .notices import Notice
 from .over_soc.fits import TableFits
@@ -187,7 +187,7 @@ def _spanning(fit: PackFit, prepared: PreparedRecord, tables: TableFits) -> Pack
 def _with_lags(fit: PackFit, read: PackRecord, scan: Scan) -> PackFit:
     """The fit with every cell's lag, whose error is in the interval of R0."""
     cells, reaches_ohm = [], scan.reach_ohm(read.record)
-    lags = np.column_stack([scan.lag_s, 1.96 * scan.error_s, reaches_ohm]).tolist()
+    lags = np.column_stack([scan.lag_s, NORMAL_95 * scan.error_s, reaches_ohm]).tolist()
     for cell, (lag_s, error_s, ohm) in zip(fit.cells, lags, strict=True):
         widened = {name: cell.values[name].widened(ohm) for name in (R0, TOTAL)}
         lag = {LAG: Value(lag_s, lag_s - error_s, lag_s + error_s)}

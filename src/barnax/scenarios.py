@@ -15,6 +15,7 @@ from scipy.special import chdtrc, chdtri
 from .cell.soc_axis import is_above
 from .filters import Drive, Filtered, FilterModel
 from .filters.model import CAPACITY, OFFSET
+from .metrics import CONFIDENCE
 from .model.prepared import PreparedRecord
 from .schema import Part
 
@@ -27,7 +28,7 @@ BAND = 1.959964
 # believed before.
 DOUBT, DETERMINED = 3.0, 0.5
 # Of the tests of innovations.
-LAGS, CONFIDENCE = 20, 0.95
+LAGS = 20
 Samples = Float[np.ndarray, "samples"]
 Rows = Float[np.ndarray, "samples *_"]
 

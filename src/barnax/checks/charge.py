@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..cell.soc_axis import CAPACITY_WARNING, CHARGE, CLOSURE, DISCHARGE
+from ..metrics import TO_SD
 from ..notices import Notice
 from ..records.counters import gain_ah
 from ..records.record import held, runs
@@ -195,7 +196,7 @@ def _offset(given: CheckInput, rests: list[tuple[int, int, float]]) -> Iterator[
     peak_a, step_a = given.samples.peak_a, np.abs(given.samples.step_a)
     is_small = np.abs(record.current_a) < _SMALL_SHARE * peak_a
     quiet_a = step_a[is_small[1:] & (step_a < STEADY_SHARE * peak_a)]
-    noise_a = 1.4826 * float(np.median(quiet_a)) / np.sqrt(2)
+    noise_a = TO_SD * float(np.median(quiet_a)) / np.sqrt(2)
     doubt_a = _SIGMAS * 1.25 * noise_a / float(np.sqrt(np.sum(last - first + 1)))
     if abs(offset_a) <= max(_OFFSET_QUANTA * given.resolution_a, doubt_a):
         return

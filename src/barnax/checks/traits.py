@@ -6,10 +6,10 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import stdtrit
 
 from ..cell.soc_axis import Sweep
 from ..errors import counted
+from ..metrics import NORMAL_95, t_quantile
 from ..records.record import degc_in_name, reach
 from ..records.scale import STILL_V
 from .check_input import CheckInput
@@ -23,7 +23,7 @@ Kind = Literal[
 MAX_HALF_WIDTH, FINE_S = 1 / 3, 10.5
 # The standard deviation of log R0 between the first step and the last, by which it is predicted
 # between steps: a random walk, for R0 follows the SOC.
-_DRIFT, _NORMAL_95, _BETWEEN = 0.5, 1.96, 201
+_DRIFT, _BETWEEN = 0.5, 201
 # Steps that reach over less of the capacity, or the bulk time of a steep end, say little.
 LEAST_SHARE, STEEP_S, _FEWEST_ANSWERS = 0.05, 20.0, 3
 # Pulses and rests alone make two steps a point; an HPPC test has pulses of its own beside them.
@@ -151,7 +151,7 @@ def traits_of(given: CheckInput) -> Traits:
         steps=len(fine),
         reach_ah=reach(discharged_ah[fine]) if len(fine) else 0.0,
         half_width_at_steps=at_steps,
-        half_width_between=math.hypot(at_steps, _NORMAL_95 * _drift(discharged_ah[fine])),
+        half_width_between=math.hypot(at_steps, NORMAL_95 * _drift(discharged_ah[fine])),
         span_ah=given.record.span_ah,
         charged_ah=given.charged_ah,
         discharged_ah=given.discharged_ah,
@@ -172,7 +172,7 @@ def _half_width(step_a: Float[np.ndarray, "steps"], step_v: Float[np.ndarray, "s
     left_v = step_v - product / np.sum(step_a**2) * step_a
     error = float(np.linalg.norm(left_v * step_a)) / abs(product)
     freedom = len(step_a) - 1
-    return float(stdtrit(freedom, 0.975)) * error * math.sqrt(len(step_a) / freedom)
+    return t_quantile(freedom) * error * math.sqrt(len(step_a) / freedom)
 
 
 def _drift(at_ah: Float[np.ndarray, "steps"]) -> float:

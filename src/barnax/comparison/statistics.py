@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy import stats
 
+from ..metrics import CONFIDENCE
 from ..search.answers import SAME_RMSE
 
 REPLICATES = 1000
@@ -80,7 +81,6 @@ Samples = Float[np.ndarray, "samples"]
 
 # Bands of SOC: the paper's own errors sit below 0.2.
 BANDS = ((0.0, 0.1), (0.1, 0.2), (0.2, 1.0))
-CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True)

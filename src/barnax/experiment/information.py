@@ -27,6 +27,7 @@ from ..cell import CellModel, CircuitParameters
 from ..cell.elements import is_resistance
 from ..cell.parameters import OCV, OCV_CORRECTION, OHMIC
 from ..cell.tables import hats
+from ..metrics import NORMAL_95
 from ..over_soc.intervals import LIGHT, STEP
 from ..over_soc.node_interval import sag_of
 from ..over_soc.objective import smoothing_rows
@@ -35,7 +36,6 @@ from ..records.lag import lagged
 from ..search.answers import AtBound
 
 # Half a 95 % interval in standard errors.
-HALF_95 = 1.96
 # So near to an end of the SOC is at it, and so far may blocks take a cell below their stretch.
 NEARLY_SOC, OVERSHOT = 0.02, 0.03
 # What a circuit leaves out: other pairs, of such a share of R0 and such shares and multiples of its
@@ -387,5 +387,5 @@ def _halves(prior: Prior, fit: Information) -> dict[Name, float]:
             nodes = np.array([soc for _, soc in prior.names])[seen].astype(float)
             sag = sag_of(nodes, prior.values[seen])
             moved[seen] = np.maximum(np.abs(smoothed[seen]), np.abs(smoothed[seen] - sag))
-    halves = (HALF_95 * errors + moved / 2) / prior.units
+    halves = (NORMAL_95 * errors + moved / 2) / prior.units
     return {prior.names[index]: float(halves[index]) for index in np.flatnonzero(is_seen)}

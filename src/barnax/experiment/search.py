@@ -17,7 +17,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..errors import InputError
-from .information import HALF_95, OVERSHOT, Normal, Prior, columns_along, information_of
+from ..metrics import NORMAL_95
+from .information import OVERSHOT, Normal, Prior, columns_along, information_of
 from .protocol import INTERVAL_S, Block, Limits, Step, move, sampled, voltage_along, warming_of
 from .stored import Predicted
 
@@ -211,7 +212,7 @@ class SearchSetup:
         unknowns, halves = [*self.wished], np.array([*self.wished.values()])
         variance = np.diag(whole.covariance(self.prior, inverse))[unknowns]
         wished = halves * self.prior.units[unknowns]
-        widths = HALF_95 * np.sqrt(np.maximum(variance, 0.0)) / wished
+        widths = NORMAL_95 * np.sqrt(np.maximum(variance, 0.0)) / wished
         if self.drive is None:
             return widths
         on_drive = whole.left_on(self.prior, inverse, self.drive) / self.drive_v

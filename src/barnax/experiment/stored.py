@@ -12,10 +12,11 @@ from pydantic import Field
 
 from ..cell.dependence import BETA, CHARGE, KAPPA, ONSET, Dependence
 from ..display import hook
+from ..metrics import NORMAL_95
 from ..over_soc.node_interval import NodeInterval
 from ..records import Hold, Record
 from ..schema import ARRAY, Document, Part
-from .information import DRIVE, HALF_95, Error, Name, Width
+from .information import DRIVE, Error, Name, Width
 from .protocol import INTERVAL_S, Limits, Step, bends
 
 if TYPE_CHECKING:
@@ -69,7 +70,7 @@ def halves_of(interval: NodeInterval) -> tuple[float, float] | None:
     scale = interval.value if interval.name.startswith(("R", "tau")) else 1.0
     if interval.low is None or interval.high is None or not scale > 0:
         return None
-    half = HALF_95 * interval.standard_error + abs(interval.bias) / 2
+    half = NORMAL_95 * interval.standard_error + abs(interval.bias) / 2
     return half / scale, (interval.high - interval.low) / 2 / scale
 
 

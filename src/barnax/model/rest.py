@@ -12,13 +12,12 @@ from scipy.optimize import minimize_scalar, nnls
 
 from ..cell import CellModel
 from ..cell.soc_axis import BEYOND_SOC
+from ..metrics import TO_SD
 from ..records import Record
 from ..records.record import Segments
 
 # No tester resolves less.
 LEAST_NOISE_V = 1e-4
-# From the median step of white noise to its standard deviation.
-_TO_SD = 1.4826 / np.sqrt(2)
 # The OCV's slope is a difference over so much SOC.
 _STEP_SOC = 0.01
 # A mean that moves by more standard errors, once in ten thousands of white noise, drifts.
@@ -47,7 +46,8 @@ def mean_at_rest(segments: Segments, at: int) -> tuple[float, float]:
     rest = np.arange(first, last + 1)
     voltage_v = segments.record.voltage_v[rest]
     steps_v = np.abs(np.diff(voltage_v))
-    noise_v = max(LEAST_NOISE_V, _TO_SD * float(np.median(steps_v)) if len(steps_v) else 0.0)
+    step_v = float(np.median(steps_v)) if len(steps_v) else 0.0
+    noise_v = max(LEAST_NOISE_V, TO_SD / np.sqrt(2) * step_v)
     voltage_v = voltage_v[np.argsort(np.abs(rest - at), kind="stable")]
     count = 1
     while count < len(voltage_v):

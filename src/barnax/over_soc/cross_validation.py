@@ -12,10 +12,10 @@ from ..cell.elements import is_resistance
 from ..cell.parameters import OCV
 from ..cell.soc_axis import is_above
 from ..execution import in_float64
+from ..metrics import t_quantile
 from ..model.box_least_squares import least_in_box
 from ..model.reduced import Reduced
 from ..model.reference import error_blocks_of
-from ..uncertainty.noise import t_quantile
 from .node_interval import NodeInterval, mean_weights, parts_of
 from .objective import Solution, TableObjective
 from .problem import (

@@ -23,12 +23,12 @@ from scipy.special import ndtri
 
 from ..cell import Dependence
 from ..execution import in_float64
+from ..metrics import CONFIDENCE
 from ..model.descent import LogScales
 from ..model.prepared import PreparedRecord
 from ..notices import Notice
 from ..records.record import in_means, runs
 from ..settings import Registration
-from ..uncertainty.noise import CONFIDENCE
 from .cross_validation import held_out
 from .dependence import polished
 from .nuisances import estimate, of_starts, shared_offset
@@ -76,7 +76,7 @@ def register(
     means = [_in_means(prepared).following(prepared.dependence) for prepared in prepared_records]
     records, moves = list(means), np.empty((0, 4))
     prior = np.array([prior_sd(prepared) for prepared in prepared_records])
-    shifts = np.zeros_like(prior)
+    shifts, errors = np.zeros_like(prior), np.zeros_like(prior)
     # SOC is scaled so that what was told is right on average.
     shares = (prior**-2.0 / np.sum(prior**-2.0, axis=0))[:, :, None] * np.eye(2)
     to_axis = np.eye(prior.size) - np.tile(shares.reshape(-1, 2).T, (len(prior), 1))

@@ -20,6 +20,7 @@ from scipy.linalg import get_lapack_funcs
 
 from ..blas import one_blas_thread
 from ..errors import InputError
+from ..metrics import NORMAL_95
 from .record import Record
 
 # Time constants in samples that stand for the pairs, and how many samples are looked at.
@@ -134,7 +135,7 @@ class Scan:
         step_a = np.diff(record.current_a)
         lagged_a = np.diff(aligned(record, float(np.mean(self.lag_s))).current_a)
         share = np.diff(step_a) @ lagged_a[1:] / (lagged_a @ lagged_a)
-        return 1.96 * np.abs(self.error_s / _usual_s(record.interval_s) * self.ohm * share)
+        return NORMAL_95 * np.abs(self.error_s / _usual_s(record.interval_s) * self.ohm * share)
 
 
 def find_scan(record: Record, cells_v: Voltages) -> Scan | None:

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..display import Brief
+from ..metrics import TO_SD
 from ..notices import Notice
 from .logger import Decision, SamplingEvidence
 
@@ -160,7 +161,7 @@ class Record(Brief):
         windows = self.samples // _WINDOW_SAMPLES
         current_a = self.current_a[: windows * _WINDOW_SAMPLES].reshape(windows, _WINDOW_SAMPLES)
         current_a = current_a[(np.abs(current_a) < capacity_ah / 20).all(axis=1)]
-        noise_a = 1.4826 * np.median(np.abs(np.diff(current_a, axis=1)), axis=1) / np.sqrt(2)
+        noise_a = TO_SD * np.median(np.abs(np.diff(current_a, axis=1)), axis=1) / np.sqrt(2)
         # Half against half: the means of white noise hardly differ, those of a swing do.
         half = _WINDOW_SAMPLES // 2
         drift_a = np.abs(current_a[:, :half].mean(axis=1) - current_a[:, half:].mean(axis=1))

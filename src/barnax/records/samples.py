@@ -5,6 +5,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ..metrics import TO_SD
 from ..notices import Notice
 from .cell_values import DATED_S
 from .counters import Counters
@@ -237,7 +238,7 @@ def voltage_noise_v(step_v: Float[np.ndarray, "quiet"]) -> float:
     moved = np.abs(steps[steps != 0])
     if not len(moved):
         return 0.0
-    spread_v = 1.4826 * float(np.median(np.abs(steps - np.median(steps))))
+    spread_v = TO_SD * float(np.median(np.abs(steps - np.median(steps))))
     return max(spread_v, float(moved.min()) / 2)
 
 

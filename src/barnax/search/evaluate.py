@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 from scipy.linalg import block_diag
-from scipy.special import stdtrit
 
 from ..cell import CellModel, CircuitParameters, get_circuit
 from ..cell.hysteresis import KNOTS
@@ -15,7 +14,7 @@ from ..cell.parameters import HALF_HYSTERESIS, OHMIC
 from ..cell.tables import hats
 from ..display import Brief
 from ..errors import InputError
-from ..metrics import Metrics, measure
+from ..metrics import TO_SD, Metrics, measure, t_quantile
 from ..model.prepared import PreparedRecord, prepare_record
 from ..model.reference import errors_along, simulate_circuit
 from ..model.steps import FEWEST_STEPS, steps_of
@@ -197,9 +196,9 @@ def step_warnings(
     above_ohm = least_share * r0_ohm - shown_ohm
     median_ohm = float(np.median(above_ohm))
     # Of a median of normal values, and a robust one: steps of an empty cell scatter far more.
-    freedom, spread_ohm = len(before) - 1, 1.4826 * np.median(np.abs(above_ohm - median_ohm))
+    freedom, spread_ohm = len(before) - 1, TO_SD * np.median(np.abs(above_ohm - median_ohm))
     error_ohm = math.sqrt(math.pi / 2 / freedom) * float(spread_ohm)
-    if median_ohm > float(stdtrit(freedom, 0.975)) * error_ohm:
+    if median_ohm > t_quantile(freedom) * error_ohm:
         facts = {"own_ohm": simulated_ohm, "shown_ohm": shown_ohm, "after_s": after_s}
         medians = {name: float(np.median(values)) for name, values in facts.items()}
         yield Notice("answer.r0-above-steps", medians, prepared.record.name)

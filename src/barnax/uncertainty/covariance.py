@@ -21,8 +21,9 @@ from ..cell.elements import names_beside
 from ..display import Brief
 from ..errors import InputError
 from ..execution import as_input, compile_for, in_float64
+from ..metrics import CONFIDENCE
 from ..search.evaluate import nuisance_columns, one_clock, open_starts
-from .noise import CONFIDENCE, Noise, fit_noise
+from .noise import Noise, fit_noise
 
 if TYPE_CHECKING:
     from ..model.problem import Problem

@@ -26,9 +26,9 @@ from jaxtyping import Float, Int
 from numpy.fft import irfft, rfft
 from scipy.linalg import get_lapack_funcs
 from scipy.optimize import nnls
-from scipy.special import stdtrit
 
-CONFIDENCE = 0.95
+from ..metrics import t_quantile
+
 # Correlation times a decade, up to this share of the record, and lags an octave, up to that share:
 # twice as many change the intervals by less than their own spread between records.
 TIMES_PER_DECADE = 3
@@ -46,11 +46,6 @@ DRAWS = 100
 MAX_DRAWN = 2**17
 # Clocks finer than this many intervals a record are read in coarser slots.
 MAX_SLOTS = 2**20
-
-
-def t_quantile(freedom: float) -> float:
-    """Half a confidence interval in standard errors, with so many degrees of freedom."""
-    return float(stdtrit(freedom, (1 + CONFIDENCE) / 2))
 
 
 @dataclass(frozen=True, eq=False)

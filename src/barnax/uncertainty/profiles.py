@@ -9,9 +9,9 @@ import numpy as np
 from ..cell import CircuitParameters
 from ..errors import InputError
 from ..global_optimum.objective import ConstantObjective
+from ..metrics import t_quantile
 from ..model.descent import polish
 from .covariance import Covariance, linearize, named_values
-from .noise import t_quantile
 
 if TYPE_CHECKING:
     from ..model.problem import Problem

@@ -7,6 +7,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from ..errors import InputError
+from .adaptive import AdaptiveMating as AdaptiveMating
 from .ask_tell import NEVER
 from .ask_tell import PopulationState as PopulationState
 from .ask_tell import Stop as Stop
@@ -42,6 +43,7 @@ OPTIMIZERS: Mapping[str, Callable[..., AbstractPopulationMinimiser]] = MappingPr
         "ibmo": ibmo,
         "ibmo-printed": ibmo_printed,
         "ibmo-centered": ibmo_centered,
+        "ibmo-adaptive": AdaptiveMating,
         "bmo": bmo,
         "pso": ParticleSwarm,
         "woa": WhaleSearch,
@@ -97,7 +99,7 @@ def source_of(name: str) -> str:
 def summarize_optimizers() -> list[OptimizerSummary]:
     """Every registered optimizer with its source and what an iteration costs.
 
-    >>> summarize_optimizers()[9].evaluations_per_iteration
+    >>> summarize_optimizers()[10].evaluations_per_iteration
     60
     """
     return [

@@ -1,0 +1,1 @@
+"""Our optimizers beside those that win the CEC competitions, at equal evaluations."""

@@ -1,0 +1,177 @@
+"""The page `optimizers.md`, from what its sections measured."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from benchmarks.pages import as_markdown
+
+from .runs import BASELINES, SOLVED
+from .statistics import a12, holm, rank_methods, signed_rank_p
+
+# Okabe and Ito's colors, which the color-blind can tell apart, each solid and dashed.
+COLORS = ("#E69F00", "#56B4E9", "#009E73", "#0072B2", "#D55E00", "#CC79A7", "#000000")
+
+
+INTRODUCTION = (
+    "The functions are the C++ of `minionpy`, in [-100, 100]; errors of 1e-8 or less count as zero "
+    "and end a run, as in the competitions. All evaluations are counted by one wrapper, which "
+    "forgets what is evaluated beyond the budget. `de` (rand/1/bin, F 0.5, CR 0.9, 10 D "
+    "candidates), `l-shade` (18 D), `jso` and `bipop-cma-es` are those of `minionpy`; ours have 30 "
+    "candidates, `ibmo-adaptive` 18 D. `cocoex` is not installed: targets are COCO's 51, 100 to "
+    "1e-8, on these functions, and no result is one of BBOB. *Solved* and *targets* are the shares "
+    "of runs, and of pairs of run and target, that were reached."
+)
+
+# Section, title and columns of the tables that need no more words.
+TABLES = {
+    "circuit": (
+        "The circuit: 32 keyed seeds within 1e-6 of the lowest RMSE",
+        "method | candidates | evaluations | seeds there | median to 1e-6 | most to 1e-6",
+    ),
+    "speed": ("A generation of 30 in 30 dimensions, compiled", "method | us a generation"),
+    "seeds": ("Seeds in one call: 200 generations of `ibmo`", "seeds | s | MiB"),
+}
+
+
+def table(header: list[str], rows: list[list[Any]]) -> list[str]:
+    """The lines of a table, and an empty one."""
+
+    def shown(value: Any) -> str:
+        return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+    lines = [header, ["---"] * len(header), *([*map(shown, row)] for row in rows)]
+    return [f"| {' | '.join(line)} |" for line in lines] + [""]
+
+
+class Results:
+    """The rows of one suite as arrays `[functions, methods, ...]`."""
+
+    def __init__(self, rows: list[dict[str, Any]]):
+        self.methods = [*dict.fromkeys(row["method"] for row in rows)]
+        self.functions = [*dict.fromkeys(row["function"] for row in rows)]
+        self.rows = {(row["function"], row["method"]): row for row in rows}
+        self.errors = self.array("errors")
+        self.errors[self.errors <= SOLVED] = 0
+
+    def array(self, column: str) -> NDArray:
+        return np.array(
+            [[self.rows[f, m][column] for m in self.methods] for f in self.functions], float
+        )
+
+    @property
+    def means(self) -> NDArray:
+        return self.errors.mean(axis=-1)
+
+
+def results_of(section: dict[str, Any]) -> dict[str, Results]:
+    """The results of every suite of a section."""
+    return {
+        name: Results([row for row in section["rows"] if row["suite"] == name])
+        for name, *_ in section["suites"]
+    }
+
+
+def ranking(results: Results) -> list[str]:
+    """Ranks, and every method against the best of ours."""
+    ranks = rank_methods(results.means)
+    ours = [place for place, name in enumerate(results.methods) if name not in BASELINES]
+    best = min(ours, key=lambda place: ranks.mean_ranks[place])
+    others = [place for place in range(len(results.methods)) if place != best]
+    logs = np.log10(np.maximum(results.means, SOLVED))
+    p_values = holm([signed_rank_p(logs[:, best], logs[:, other]) for other in others])
+    tested = dict(zip(others, p_values, strict=True))
+    solved, reached = results.errors == 0, results.array("reached")[..., -1]
+    rows = []
+    for place in np.argsort(ranks.mean_ranks):
+        pairs = zip(results.errors[:, best], results.errors[:, place], strict=True)
+        effects = [a12(first, second) for first, second in pairs]
+        lower = np.sum(results.means[:, best] < results.means[:, place])
+        higher = np.sum(results.means[:, best] > results.means[:, place])
+        compared = [float(tested[place]), float(np.mean(effects)), f"{lower} / {higher}"]
+        share = [f"{100 * np.mean(part[:, place]):.0f} %" for part in (solved, reached)]
+        shown = compared if place in tested else [""] * 3
+        rows.append([results.methods[place], f"{ranks.mean_ranks[place]:.2f}", *share, *shown])
+    return [
+        f"Friedman's p that no method differs is {ranks.p_value:.1g}; mean ranks that differ by "
+        f"less than {ranks.critical_difference:.2f} do not differ (Nemenyi, 5 %). Compared with "
+        f"{results.methods[best]}, the best of ours: p by Wilcoxon's signed ranks of the mean "
+        "errors' logarithms, with Holm's correction; A12, the chance that a run of it ends lower; "
+        "functions on which its mean is lower and higher.",
+        "",
+        *table(["method", "mean rank", "solved", "targets", "p", "A12", "lower / higher"], rows),
+    ]
+
+
+def errors_and_times(results: Results) -> list[str]:
+    """Mean errors of every function, and the expected evaluations to the targets."""
+    header, ert = ["", *results.methods], results.array("ert")
+    means = [
+        [f"F{f}", *map(float, row)] for f, row in zip(results.functions, results.means, strict=True)
+    ]
+    rows = [
+        [f"F{number} to {target}", *(f"{t:,.0f}" if np.isfinite(t) else "" for t in times)]
+        for number, of_function in zip(results.functions, ert, strict=True)
+        for target, times in zip(("1", "0.0001", "1e-8"), of_function.T, strict=True)
+        if np.isfinite(times).mean() >= 0.5
+    ]
+    return [
+        "Mean errors:",
+        "",
+        *table(header, means),
+        "Expected evaluations (ERT) to targets that half of the methods reach:",
+        "",
+        *table(header, rows),
+    ]
+
+
+def ecdf_figure(section: dict[str, Any], spent: NDArray) -> Figure:
+    """Share of targets reached against evaluations a dimension, a panel a suite."""
+    suites = results_of(section)
+    figure = Figure(figsize=(5 * len(suites), 4.5), layout="constrained")
+    panels = figure.subplots(1, len(suites), squeeze=False, sharey=True)[0]
+    for axes, (title, results) in zip(panels, suites.items(), strict=True):
+        shares = results.array("reached").mean(axis=0)
+        for number, (name, share) in enumerate(zip(results.methods, shares, strict=True)):
+            style = "-" if number < len(COLORS) else "--"
+            axes.plot(spent, share, style, color=COLORS[number % len(COLORS)], label=name)
+        axes.set(xscale="log", title=title, xlabel="evaluations / dimension")
+        axes.grid(alpha=0.3)
+    panels[0].set(ylabel="share of targets reached")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=7)
+    return figure
+
+
+def heading(title: str, section: dict[str, Any]) -> list[str]:
+    facts, minutes = section["facts"], section["seconds"] / 60
+    return [f"## {title}", "", f"{facts['command']}, {facts['date']}, {minutes:.0f} min.", ""]
+
+
+def of_suites(section: dict[str, Any]) -> Iterator[tuple[str, Results]]:
+    """What was run on every suite, and its results."""
+    suites = section["suites"]
+    for (name, results), (*_, budget, runs) in zip(
+        results_of(section).items(), suites, strict=True
+    ):
+        count = len(results.functions)
+        yield f"{name}: {count} functions, {runs} runs of {budget:,} evaluations", results
+
+
+def page(sections: dict[str, Any]) -> str:
+    """The page from everything that was measured."""
+    suites, variants = sections["suites"], sections["ablation"]
+    lines = ["# Optimizers beside those that win the CEC competitions", "", INTRODUCTION, ""]
+    lines += [as_markdown(suites["facts"]), "", *heading("Ranks", suites)]
+    for title, results in of_suites(suites):
+        lines += [f"### {title}", "", *ranking(results), *errors_and_times(results)]
+    lines += ["## Targets reached", "", "![Share of targets reached](optimizers.png)", ""]
+    lines += heading("What each part of `ibmo-adaptive` is worth", variants)
+    for title, results in of_suites(variants):
+        lines += [f"### {title}", "", *ranking(results)]
+    for name, (title, columns) in TABLES.items():
+        lines += heading(title, sections[name])
+        lines += table(columns.split(" | "), sections[name]["rows"])
+    return "\n".join(lines)

@@ -1,0 +1,219 @@
+"""Barnacle mating that learns from its success, in a population that shrinks."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import jax.random as jr
+from jaxtyping import Array, Float, Int, Key
+
+from .ask_tell import Generation, Proposal
+from .draws import normal
+from .population import AbstractPopulationMinimiser
+from .swarm import Box, Swarm, sort_by_loss
+
+# Spread of scales (Cauchy) and of crossover rates (normal) about the remembered ones (SHADE).
+SPREAD = 0.1
+
+
+class Chances(NamedTuple):
+    """The draws of one generation, uniform in [0, 1): by offspring, and by dimension too; `normal`
+    are normal numbers."""
+
+    uniform: Float[Array, "draws offspring"]
+    kept: Float[Array, "offspring dims"]
+    normal: Float[Array, "offspring dims+1"]
+
+
+class Brood(NamedTuple):
+    """Of every offspring its mother's rank, its scale and crossover rate, and the shell that its
+    mother leaves where it replaces her."""
+
+    mother: Int[Array, "offspring"]
+    scale: Float[Array, "offspring"]
+    rate: Float[Array, "offspring"]
+    shell: Int[Array, "offspring"]
+
+
+class History(NamedTuple):
+    """What succeeded, and who was replaced.
+
+    Attributes:
+        scales: Means of successful scales, the next to be replaced first.
+        rates: The same of crossover rates.
+        shells: Positions of replaced mothers; at first those of the first population.
+        brood: The latest offspring.
+    """
+
+    scales: Float[Array, "memory"]
+    rates: Float[Array, "memory"]
+    shells: Float[Array, "candidates dims"]
+    brood: Brood
+
+
+class AdaptiveMating(AbstractPopulationMinimiser):
+    """Barnacle mating with scales that it learns from success, ours.
+
+    Barnacles stand in the order of their losses, and every mother has a random father. Where
+    their ranks differ by at most `pl` the offspring is `p * father + (1 - p) * mother`, p normal
+    in every dimension about a scale F. Otherwise sperm is cast: the offspring is `mother + F
+    (elite - mother) + F (one - other)`. The elite is one of the best, a quarter of the living at
+    first and an eighth at the end; `one` is of the living, more often of a good rank where
+    `rank_pressure` is above one; `other` is of the living and the shells of the replaced. A
+    crossover keeps the mother's coordinates but for a share CR. An offspring replaces its mother
+    where it is no worse. The switches:
+
+    - `is_adaptive`: F and CR scatter about means of those that succeeded, weighted by gain
+      (Tanabe and Fukunaga, 2013); else about `scale` and `rate`, with which the means begin.
+    - `eigen_share`: of offspring, whose crossover is along the eigenvectors of the covariance of
+      the better half (Guo and Yang, 2015).
+    - `is_shrinking`: the living fall from `population` to four with the `reduction_power` of the
+      share of the generations that is over; at one that is linear (Tanabe and Fukunaga, 2014). The
+      arrays keep their sizes, and so do the offspring of a generation: where few live, each has
+      several, and every evaluation is one of an offspring.
+    - `pl`: below zero none mate.
+
+    What each part is worth `benchmarks/results/optimizers.md` shows.
+    """
+
+    pl: int = 4
+    is_adaptive: bool = True
+    eigen_share: float = 0.5
+    is_shrinking: bool = True
+    offspring_share: float = 0.5
+    memory: int = 6
+    scale: float = 0.3
+    rate: float = 0.8
+    factor_spread: float = 0.5
+    elite_share: float = 0.25
+    rank_pressure: float = 1.5
+    reduction_power: float = 0.6
+
+    def prepare(self, swarm: Swarm, box: Box) -> Swarm:
+        swarm = sort_by_loss(swarm)
+        dtype, count = swarm.positions.dtype, self._offspring
+        nobody = jnp.zeros(count, jnp.int32)
+        brood = Brood(nobody, jnp.zeros(count, dtype), jnp.zeros(count, dtype), nobody)
+        scales, rates = (jnp.full(self.memory, mean, dtype) for mean in (self.scale, self.rate))
+        history = History(scales, rates, swarm.positions, brood)
+        return Swarm(swarm.positions, swarm.losses, history)
+
+    def draw(self, key: Key[Array, ""], generation: Generation, box: Box) -> Chances:
+        count, dims, dtype = self._offspring, len(box.lower), box.lower.dtype
+        uniform_key, kept_key, normal_key = jr.split(key, 3)
+        return Chances(
+            jr.uniform(uniform_key, (11, count), jnp.float32).astype(dtype),
+            jr.uniform(kept_key, (count, dims), jnp.float32).astype(dtype),
+            normal(normal_key, (count, dims + 1), dtype),
+        )
+
+    def propose(self, drawn: Chances, swarm: Swarm, generation: Generation, box: Box) -> Proposal:
+        positions, history = swarm.positions, swarm.memory
+        living, count = self._living(generation), self._offspring
+        of_mother, of_father, of_elite, of_one, of_other, of_shell, of_slot, *rest = drawn.uniform
+        of_scale, of_low_scale, of_axis, of_turn = rest
+        # One mother from each of as many parts of the ranking as there are offspring.
+        part = jnp.arange(count, dtype=of_mother.dtype)
+        mother = _chosen((part + of_mother) / count, living)
+        father = (mother + 1 + _chosen(of_father, living - 1)) % living
+        one = _chosen(of_one**self.rank_pressure, living)
+        one = jnp.where(one == mother, (one + 1) % living, one)
+        share = self.elite_share * (1 - generation.astype(part.dtype) / (2 * self.iterations))
+        elites = jnp.maximum(2, (share * living.astype(part.dtype)).astype(jnp.int32))
+        elite = positions[_chosen(of_elite, elites)]
+        others = jnp.concatenate([history.shells, positions])
+        other = others[_chosen(of_other, self.population + living)]
+
+        scale, rate = self._scale_and_rate(history, of_slot, of_scale, of_low_scale, drawn.normal)
+        brood = Brood(mother, scale, rate, _chosen(of_shell, jnp.int32(self.population)))
+        start, scale = positions[mother], scale[:, None]
+        p = scale * (1 + self.factor_spread * drawn.normal[:, 1:])
+        mated = p * (positions[father] - start)
+        cast = scale * (elite - start + positions[one] - other)
+        step = jnp.where((jnp.abs(father - mother) <= self.pl)[:, None], mated, cast)
+
+        axis = jnp.arange(positions.shape[1], dtype=jnp.int32)
+        forced = _chosen(of_axis, jnp.int32(len(axis)))[:, None]
+        is_new = (drawn.kept < rate[:, None]) | (axis == forced)
+        axes = _eigenvectors(positions, living // 2)
+        turned = jnp.where(is_new, step @ axes, 0) @ axes.T
+        step = jnp.where((of_turn < self.eigen_share)[:, None], turned, jnp.where(is_new, step, 0))
+        return self._inside(start + step, start, box), history._replace(brood=brood)
+
+    def survive(self, swarm: Swarm, offspring: Swarm, generation: Generation) -> Swarm:
+        history: History = offspring.memory
+        brood = history.brood
+        mothers = swarm.at(brood.mother)
+        gain = mothers.losses - offspring.losses
+        gain = jnp.where((gain > 0) & jnp.isfinite(gain), gain, 0)
+        # Rows beyond the last are dropped.
+        shell = jnp.where(offspring.losses < mothers.losses, brood.shell, self.population)
+        shells = history.shells.at[shell].set(mothers.positions, mode="drop")
+        losses = swarm.losses.at[brood.mother].min(offspring.losses)
+        is_best = offspring.losses == losses[brood.mother]
+        row = jnp.where(is_best, brood.mother, self.population)
+        positions = swarm.positions.at[row].set(offspring.positions, mode="drop")
+
+        is_living = jnp.arange(self.population) < self._living(generation)
+        order = jnp.argsort(jnp.where(is_living, losses, jnp.inf))
+        scales, rates = history.scales, history.rates
+        if self.is_adaptive:
+            scales, rates = (
+                _remembered(means, values, gain)
+                for means, values in ((scales, brood.scale), (rates, brood.rate))
+            )
+        return Swarm(positions[order], losses[order], History(scales, rates, shells, brood))
+
+    @property
+    def _offspring(self) -> int:
+        """Offspring of a generation."""
+        return max(1, int(self.offspring_share * self.population))
+
+    def _living(self, generation: Generation) -> Int[Array, ""]:
+        """Of the population, how many live in a generation."""
+        if not self.is_shrinking:
+            return jnp.int32(self.population)
+        spent = (generation / self.iterations).astype(jnp.float32) ** self.reduction_power
+        living = jnp.round(self.population - (self.population - 4) * spent)
+        return jnp.maximum(4, living).astype(jnp.int32)
+
+    def _scale_and_rate(self, history: History, of_slot, of_scale, of_low_scale, normals):
+        slot = _chosen(of_slot, jnp.int32(self.memory))
+        scale = history.scales[slot] + SPREAD * jnp.tan(jnp.pi * (of_scale - 0.5))
+        # SHADE draws again until the scale is positive.
+        scale = jnp.where(scale > 0, jnp.minimum(scale, 1), SPREAD + 0.4 * of_low_scale)
+        rate = jnp.clip(history.rates[slot] + SPREAD * normals[:, 0], 0, 1)
+        return scale, rate
+
+    def _inside(self, moved: Array, start: Array, box: Box) -> Array:
+        """Coordinates that left the box are put halfway between its end and the mother's."""
+        if not self.bounded:
+            return moved
+        moved = jnp.where(moved < box.lower, (box.lower + start) / 2, moved)
+        return jnp.where(moved > box.upper, (box.upper + start) / 2, moved)
+
+
+def _chosen(chance: Float[Array, "_"], count: Int[Array, ""]) -> Int[Array, "_"]:
+    """One of `count` for every uniform number."""
+    return jnp.minimum((chance * count.astype(chance.dtype)).astype(jnp.int32), count - 1)
+
+
+def _eigenvectors(
+    positions: Float[Array, "candidates dims"], count: Int[Array, ""]
+) -> Float[Array, "dims dims"]:
+    """The principal axes of the first `count`."""
+    is_counted = (jnp.arange(len(positions)) < count)[:, None]
+    mean = jnp.sum(jnp.where(is_counted, positions, 0), axis=0) / count.astype(positions.dtype)
+    apart = jnp.where(is_counted, positions - mean, 0)
+    return jnp.linalg.eigh(apart.T @ apart)[1]
+
+
+def _remembered(
+    means: Float[Array, "memory"],
+    values: Float[Array, "offspring"],
+    gain: Float[Array, "offspring"],
+) -> Float[Array, "memory"]:
+    """The means with the values' Lehmer mean, weighted by gain, in the oldest one's stead."""
+    weighted = gain * values
+    total = jnp.sum(weighted)
+    mean = jnp.sum(weighted * values) / jnp.where(total > 0, total, 1)
+    return jnp.where(jnp.any(gain > 0), jnp.append(means[1:], mean), means)

@@ -22,8 +22,8 @@ INTRODUCTION = (
     "forgets what is evaluated beyond the budget. `de` (rand/1/bin, F 0.5, CR 0.9, 10 D "
     "candidates), `l-shade` (18 D), `jso` and `bipop-cma-es` are those of `minionpy`; ours have 30 "
     "candidates, `ibmo-adaptive` 18 D. `cocoex` is not installed: targets are COCO's 51, 100 to "
-    "1e-8, on these functions, and no result is one of BBOB. *Solved* and *targets* are the shares "
-    "of runs, and of pairs of run and target, that were reached."
+    "1e-8, on these functions, and nothing is a result of BBOB. *Solved* and *targets* are the "
+    "shares of runs, and of pairs of run and target, that were reached."
 )
 
 # Section, title and columns of the tables that need no more words.
@@ -75,15 +75,16 @@ def results_of(section: dict[str, Any]) -> dict[str, Results]:
     }
 
 
-def ranking(results: Results) -> list[str]:
-    """Ranks, and every method against the best of ours."""
+def ranking(results: Results, against: str | None = None) -> list[str]:
+    """Ranks, and every method against one, by default the best of ours."""
     ranks = rank_methods(results.means)
     ours = [place for place, name in enumerate(results.methods) if name not in BASELINES]
     best = min(ours, key=lambda place: ranks.mean_ranks[place])
+    best = best if against is None else results.methods.index(against)
     others = [place for place in range(len(results.methods)) if place != best]
     logs = np.log10(np.maximum(results.means, SOLVED))
     p_values = holm([signed_rank_p(logs[:, best], logs[:, other]) for other in others])
-    tested = dict(zip(others, p_values, strict=True))
+    tested = dict(zip(others, p_values, strict=True)) | {best: np.nan}
     solved, reached = results.errors == 0, results.array("reached")[..., -1]
     rows = []
     for place in np.argsort(ranks.mean_ranks):
@@ -93,14 +94,14 @@ def ranking(results: Results) -> list[str]:
         higher = np.sum(results.means[:, best] > results.means[:, place])
         compared = [float(tested[place]), float(np.mean(effects)), f"{lower} / {higher}"]
         share = [f"{100 * np.mean(part[:, place]):.0f} %" for part in (solved, reached)]
-        shown = compared if place in tested else [""] * 3
+        shown = [""] * 3 if place == best else compared
         rows.append([results.methods[place], f"{ranks.mean_ranks[place]:.2f}", *share, *shown])
     return [
         f"Friedman's p that no method differs is {ranks.p_value:.1g}; mean ranks that differ by "
         f"less than {ranks.critical_difference:.2f} do not differ (Nemenyi, 5 %). Compared with "
-        f"{results.methods[best]}, the best of ours: p by Wilcoxon's signed ranks of the mean "
-        "errors' logarithms, with Holm's correction; A12, the chance that a run of it ends lower; "
-        "functions on which its mean is lower and higher.",
+        f"{against or results.methods[best] + ', the best of ours'}: p by Wilcoxon's signed ranks "
+        "of the mean errors' logarithms, with Holm's correction; A12, the chance that a run of it "
+        "ends lower; functions on which its mean is lower and higher.",
         "",
         *table(["method", "mean rank", "solved", "targets", "p", "A12", "lower / higher"], rows),
     ]
@@ -128,9 +129,9 @@ def errors_and_times(results: Results) -> list[str]:
     ]
 
 
-def ecdf_figure(section: dict[str, Any], spent: NDArray) -> Figure:
+def ecdf_figure(sections: dict[str, dict[str, Any]], spent: NDArray) -> Figure:
     """Share of targets reached against evaluations a dimension, a panel a suite."""
-    suites = results_of(section)
+    suites = {name: Results(section["rows"]) for name, section in sections.items()}
     figure = Figure(figsize=(5 * len(suites), 4.5), layout="constrained")
     panels = figure.subplots(1, len(suites), squeeze=False, sharey=True)[0]
     for axes, (title, results) in zip(panels, suites.items(), strict=True):
@@ -160,18 +161,21 @@ def of_suites(section: dict[str, Any]) -> Iterator[tuple[str, Results]]:
         yield f"{name}: {count} functions, {runs} runs of {budget:,} evaluations", results
 
 
-def page(sections: dict[str, Any]) -> str:
+def page(sections: dict[str, Any], suites: list[str]) -> str:
     """The page from everything that was measured."""
-    suites, variants = sections["suites"], sections["ablation"]
     lines = ["# Optimizers beside those that win the CEC competitions", "", INTRODUCTION, ""]
-    lines += [as_markdown(suites["facts"]), "", *heading("Ranks", suites)]
-    for title, results in of_suites(suites):
-        lines += [f"### {title}", "", *ranking(results), *errors_and_times(results)]
+    lines += [as_markdown(sections[suites[0]]["facts"]), ""]
+    for name in suites:
+        for title, results in of_suites(sections[name]):
+            lines += heading(title, sections[name])
+            lines += [*ranking(results), *errors_and_times(results)]
     lines += ["## Targets reached", "", "![Share of targets reached](optimizers.png)", ""]
-    lines += heading("What each part of `ibmo-adaptive` is worth", variants)
-    for title, results in of_suites(variants):
-        lines += [f"### {title}", "", *ranking(results)]
-    for name, (title, columns) in TABLES.items():
+    if "ablation" in sections:
+        lines += heading("What each part of `ibmo-adaptive` is worth", sections["ablation"])
+        for title, results in of_suites(sections["ablation"]):
+            lines += [f"### {title}", "", *ranking(results, "ibmo-adaptive")]
+    for name in [name for name in TABLES if name in sections]:
+        title, columns = TABLES[name]
         lines += heading(title, sections[name])
         lines += table(columns.split(" | "), sections[name]["rows"])
     return "\n".join(lines)

@@ -1,7 +1,10 @@
 """Runs of a method on a function of a CEC suite: every evaluation is counted here."""
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Iterable
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
+from multiprocessing import get_context
 from typing import Any, NamedTuple
 
 import jax
@@ -18,11 +21,15 @@ from barnax.optimizers import (
     make_optimizer,
 )
 
+from .statistics import expected_evaluations, reached
+
 HALF_WIDTH = 100.0
 # The competitions count an error of this or less as zero, and the run as over.
 SOLVED = 1e-8
 # 51 targets, as COCO has them.
 TARGETS = 10.0 ** np.linspace(2, -8, 51)
+# Evaluations a dimension at which the share of reached targets is taken; columns of the ERT.
+SPENT, ERT = np.logspace(0.5, 5, 28), [10, 30, 50]
 CANDIDATES = 30
 OURS = ("ibmo-adaptive", "ibmo-centered", "ibmo", "bmo", "pso", "gwo", "igwo")
 # What each part of `ibmo-adaptive` is worth is seen by leaving it out.
@@ -164,3 +171,31 @@ def run_method(name: str, suite: Suite) -> list[Record]:
         return make_optimizer(name, CANDIDATES, generations)
 
     return run_ours(make, suite)
+
+
+def measured(task: tuple[str, Suite]) -> list[dict[str, Any]]:
+    """The runs of one method on the functions of a suite, a row a function."""
+    name, suite = task
+    return [
+        {
+            "suite": suite.name,
+            "function": number,
+            "method": name,
+            "errors": [float(f"{error:.4g}") for error in record.best],
+            "reached": [round(reached(record.hits, suite.dims * spent), 4) for spent in SPENT],
+            "ert": [expected_evaluations(hits, suite.budget) for hits in record.hits.T[ERT]],
+        }
+        for number, record in zip(suite.functions, run_method(name, suite), strict=True)
+    ]
+
+
+def measure_suites(suites: Iterable[Suite], methods: Iterable[str], workers: int) -> dict[str, Any]:
+    """Rows of every method on every function of every suite."""
+    tasks = itertools.product(methods, suites)
+    if workers == 1:
+        blocks = [*map(measured, tasks)]
+    else:
+        with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
+            blocks = [*pool.map(measured, tasks)]
+    rows = [*itertools.chain.from_iterable(blocks)]
+    return {"rows": rows, "suites": [(suite.name, *suite) for suite in suites]}

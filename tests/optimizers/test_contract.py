@@ -146,6 +146,7 @@ SOLVED_TO = {
     "ibmo": 1e-24,
     "ibmo-printed": 1e-24,
     "ibmo-centered": 1e-3,
+    "ibmo-adaptive": 1.0,
     "bmo": 1e-20,
     "pso": 1e-4,
     "woa": 1e-4,

@@ -135,7 +135,7 @@ class AdaptiveMating(AbstractPopulationMinimiser):
         forced = _chosen(of_axis, jnp.int32(len(axis)))[:, None]
         is_new = (drawn.kept < rate[:, None]) | (axis == forced)
         axes = _eigenvectors(positions, living // 2)
-        turned = jnp.where(is_new, step @ axes, 0) @ axes.T
+        turned = _product(jnp.where(is_new, _product(step, axes), 0), axes.T)
         step = jnp.where((of_turn < self.eigen_share)[:, None], turned, jnp.where(is_new, step, 0))
         return self._inside(start + step, start, box), history._replace(brood=brood)
 
@@ -153,7 +153,7 @@ class AdaptiveMating(AbstractPopulationMinimiser):
         row = jnp.where(is_best, brood.mother, self.population)
         positions = swarm.positions.at[row].set(offspring.positions, mode="drop")
 
-        is_living = jnp.arange(self.population) < self._living(generation)
+        is_living = jnp.arange(self.population, dtype=jnp.int32) < self._living(generation)
         order = jnp.argsort(jnp.where(is_living, losses, jnp.inf))
         scales, rates = history.scales, history.rates
         if self.is_adaptive:
@@ -201,10 +201,15 @@ def _eigenvectors(
     positions: Float[Array, "candidates dims"], count: Int[Array, ""]
 ) -> Float[Array, "dims dims"]:
     """The principal axes of the first `count`."""
-    is_counted = (jnp.arange(len(positions)) < count)[:, None]
+    is_counted = (jnp.arange(len(positions), dtype=jnp.int32) < count)[:, None]
     mean = jnp.sum(jnp.where(is_counted, positions, 0), axis=0) / count.astype(positions.dtype)
     apart = jnp.where(is_counted, positions - mean, 0)
-    return jnp.linalg.eigh(apart.T @ apart)[1]
+    return jnp.linalg.eigh(_product(apart.T, apart))[1]
+
+
+def _product(first: Float[Array, "rows _"], second: Float[Array, "_ columns"]) -> Array:
+    """The matrix product, whose rounding does not depend on the searches beside this one."""
+    return jnp.sum(first.T[:, :, None] * second[:, None, :], axis=0)
 
 
 def _remembered(

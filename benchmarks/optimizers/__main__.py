@@ -68,8 +68,9 @@ def main() -> None:
         facts = provenance(command, 0, "minionpy")
         measured[name] = rows | {"facts": facts, "seconds": time.perf_counter() - start}
         save_page(raw, json.dumps(measured, separators=(",", ":")) + "\n")
+    missing = [name for name in sections(False, 1) if name not in measured]
     suites = [name for name in measured if name.startswith("CEC")]
-    publish(options.out / "optimizers.md", page(measured, suites))
+    publish(options.out / "optimizers.md", page(measured, suites, missing))
     figure = ecdf_figure({name: measured[name] for name in suites}, SPENT)
     save_figure(options.out / "optimizers.png", figure, dpi=80)
 

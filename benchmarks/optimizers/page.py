@@ -161,10 +161,12 @@ def of_suites(section: dict[str, Any]) -> Iterator[tuple[str, Results]]:
         yield f"{name}: {count} functions, {runs} runs of {budget:,} evaluations", results
 
 
-def page(sections: dict[str, Any], suites: list[str]) -> str:
+def page(sections: dict[str, Any], suites: list[str], missing: list[str]) -> str:
     """The page from everything that was measured."""
     lines = ["# Optimizers beside those that win the CEC competitions", "", INTRODUCTION, ""]
     lines += [as_markdown(sections[suites[0]]["facts"]), ""]
+    if missing:
+        lines += [f"Not measured yet: {'; '.join(missing)}.", ""]
     for name in suites:
         for title, results in of_suites(sections[name]):
             lines += heading(title, sections[name])

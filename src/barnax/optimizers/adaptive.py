@@ -72,7 +72,8 @@ class AdaptiveMating(AbstractPopulationMinimiser):
       several, and every evaluation is one of an offspring.
     - `pl`: below zero none mate.
 
-    What each part is worth `benchmarks/results/optimizers.md` shows.
+    `python -m benchmarks.optimizers --only ablation` measures what each part is worth;
+    `benchmarks/results/optimizers.md` has its ranks beside L-SHADE, jSO and CMA-ES.
     """
 
     pl: int = 4

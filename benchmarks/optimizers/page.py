@@ -132,7 +132,7 @@ def errors_and_times(results: Results) -> list[str]:
 def ecdf_figure(sections: dict[str, dict[str, Any]], spent: NDArray) -> Figure:
     """Share of targets reached against evaluations a dimension, a panel a suite."""
     suites = {name: Results(section["rows"]) for name, section in sections.items()}
-    figure = Figure(figsize=(5 * len(suites), 4.5), layout="constrained")
+    figure = Figure(figsize=(max(8, 5 * len(suites)), 5), layout="constrained")
     panels = figure.subplots(1, len(suites), squeeze=False, sharey=True)[0]
     for axes, (title, results) in zip(panels, suites.items(), strict=True):
         shares = results.array("reached").mean(axis=0)
@@ -142,7 +142,7 @@ def ecdf_figure(sections: dict[str, dict[str, Any]], spent: NDArray) -> Figure:
         axes.set(xscale="log", title=title, xlabel="evaluations / dimension")
         axes.grid(alpha=0.3)
     panels[0].set(ylabel="share of targets reached")
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=7)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=6)
     return figure
 
 

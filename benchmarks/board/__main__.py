@@ -9,6 +9,7 @@ so on.
 
 import argparse
 import math
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -21,8 +22,8 @@ from .tools import PEERS, Fitted, along, median, submitted, with_barnax, with_pe
 RESULTS = Path(__file__).parents[1] / "results" / "board.md"
 # What tools of a run by themselves need too much time for is not in it.
 ABSENT = (
-    "PyBOP and mealpy fit constants to such records in hours ([speed](speed.md), "
-    "[peers](peers.md)): submit what they give."
+    "PyBOP and mealpy are not here: they search for the constants that SciPy's row has "
+    "([speed](speed.md), [peers](peers.md)). Submit what they give."
 )
 
 
@@ -38,7 +39,7 @@ def row(name: str, tool: str, one: Fitted) -> str:
     inside, count = one.intervals
     coverage = f"{inside} of {count}" if count else ""
     high, low = (shown(one.rmse_mv(is_high)) for is_high in (True, False))
-    return f"| {name} | {tool} | {high} | {low} | {one.seconds:.2g} | {coverage} |"
+    return f"| {name} | {tool} | {high} | {low} | {one.seconds:.1f} | {coverage} |"
 
 
 def shown(value_mv: float) -> str:
@@ -54,7 +55,7 @@ def summary(by_tool: Mapping[str, Sequence[Fitted]]) -> Iterator[str]:
         errors = (median([one.rmse_mv(is_high) for one in all_of]) for is_high in (True, False))
         inside, count = (sum(one.intervals[k] for one in all_of) for k in (0, 1))
         seconds = median([one.seconds for one in all_of])
-        cells = (tool, str(len(all_of)), *map(shown, errors), f"{seconds:.2g}")
+        cells = (tool, str(len(all_of)), *map(shown, errors), f"{seconds:.1f}")
         yield f"| {' | '.join(cells)} | {f'{inside} of {count}' if count else ''} |"
 
 
@@ -78,6 +79,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         for name, _, where in (one.partition("=") for one in options.submit):
             if (path := Path(where) / split.file_name).is_file():
                 tools[name] = partial(with_peer, lambda _, path=path: along(submitted(path)))
+            else:
+                print(f"{name} has no {path}: it is not in this set", file=sys.stderr)
         for tool, run in tools.items():
             by_tool.setdefault(tool, []).append(fitted := run(split))
             rows.append(row(split.name, tool, fitted))
@@ -85,11 +88,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     lines = [
         "# Tools on records that they were not fitted to", "", ABSENT, "",
         *summary(by_tool), "",
-        "Medians over the sets. Every tool has the same OCV test, start, capacity and counted "
-        "samples; seconds are wall time of the fit, with intervals and proof where a tool gives "
-        "them. Intervals: at how many nodes the 95 % interval of R0 holds what the record left "
-        "out gives by itself. They are of the record itself: the other one has an error of its "
-        "own, and another load and temperature, of which three records to fit to would tell.", "",
+        "Medians over the sets, below 10 % SOC of those that go there. Every tool has the same OCV "
+        "test, start, capacity and counted samples; seconds are wall time with the files read, and "
+        "with intervals and proof where a tool gives them. Intervals: at how many nodes the 95 % "
+        "interval of R0 holds what the record left out gives by itself. They are of the record "
+        "itself: the other one has an error of its own, and another load and temperature, of which "
+        "three records to fit to would tell.", "",
         "| set | tool | above 10 % SOC [mV] | below [mV] | seconds | intervals |",
         "|---|---|--:|--:|--:|--:|", *rows, "",
         "## Where the records are", "", *sources(folder), "",

@@ -50,28 +50,30 @@ class Fitted:
 
 @dataclass(frozen=True)
 class Grid:
-    """A record every second, as tools without the record's own clock take it."""
+    """A record on an even clock, for tools that have no other: of each time the sample before it,
+    with the current `ohmic_a` of its voltage, and `held_a` until the next sample."""
 
+    interval_s: float
     time_s: np.ndarray
-    current_a: np.ndarray
+    ohmic_a: np.ndarray
+    held_a: np.ndarray
     over_v: np.ndarray
     soc: np.ndarray
     scored: np.ndarray
 
     @classmethod
-    def of(cls, prepared: PreparedRecord) -> "Grid":
-        begin_s, end_s = prepared.time_s[0], prepared.time_s[-1]
-        time_s = np.arange(begin_s, end_s, 1.0)
+    def of(cls, prepared: PreparedRecord, least_s: float = 0.0) -> "Grid":
+        interval_s = max(float(np.median(np.diff(prepared.time_s))), least_s)
+        time_s = np.arange(prepared.time_s[0], prepared.time_s[-1], interval_s)
         at = np.searchsorted(prepared.time_s, time_s, side="right") - 1
         over_v = prepared.voltage_v - prepared.source_v
-        over_v, soc = (np.interp(time_s, prepared.time_s, one) for one in (over_v, prepared.soc))
-        return cls(time_s, prepared.held_a[at], over_v, soc, prepared.scored[at])
+        samples = prepared.current_a, prepared.held_a, over_v, prepared.soc, prepared.scored
+        return cls(interval_s, time_s, *(one[at] for one in samples))  # pyrefly: ignore
 
-
-def responses(tau_s: float, drive_a: np.ndarray) -> np.ndarray:
-    """What an RC pair of 1 Ohm answers to currents held for a second each."""
-    decay = math.exp(-1 / tau_s)
-    return lfilter([0.0, 1 - decay], [1.0, -decay], drive_a, axis=0)
+    def response(self, tau_s: float, drive_a: np.ndarray) -> np.ndarray:
+        """What an RC pair of 1 Ohm answers to currents that are held until the next time."""
+        decay = math.exp(-self.interval_s / tau_s)
+        return lfilter([0.0, 1 - decay], [1.0, -decay], drive_a, axis=0)
 
 
 def scipy_constants(prepared: PreparedRecord) -> Predict:
@@ -81,8 +83,9 @@ def scipy_constants(prepared: PreparedRecord) -> Predict:
 
     def residuals_v(logs: np.ndarray) -> np.ndarray:
         r0, r1, r2, tau1_s, tau2_s = np.exp(logs)
-        pairs_v = r1 * responses(tau1_s, grid.current_a) + r2 * responses(tau2_s, grid.current_a)
-        return (grid.over_v + r0 * grid.current_a + pairs_v)[grid.scored]
+        pairs = (r1, tau1_s), (r2, tau2_s)
+        pairs_v = sum(r_ohm * grid.response(tau_s, grid.held_a) for r_ohm, tau_s in pairs)
+        return (grid.over_v + r0 * grid.ohmic_a + pairs_v)[grid.scored]
 
     starts = rng.uniform(low, high, (STARTS, 5))
     answers = [least_squares(residuals_v, start, bounds=(low, high)) for start in starts]
@@ -95,8 +98,8 @@ def projected_tables(prepared: PreparedRecord) -> Predict:
     constants, from one matrix of products."""
     grid = Grid.of(prepared)
     hats = np.stack([np.interp(grid.soc, NODES, row) for row in np.eye(len(NODES))], axis=1)
-    drives_a = hats * grid.current_a[:, None]
-    blocks = [drives_a, *(responses(tau_s, drives_a) for tau_s in TAUS_S)]
+    held_a = hats * grid.held_a[:, None]
+    blocks = [hats * grid.ohmic_a[:, None], *(grid.response(tau_s, held_a) for tau_s in TAUS_S)]
     columns = np.concatenate(blocks, axis=1)[grid.scored]
     products = columns.T @ columns
     bends = np.diff(np.eye(len(NODES)), n=2, axis=0)
@@ -121,21 +124,24 @@ def projected_tables(prepared: PreparedRecord) -> Predict:
 
 
 def regression(prepared: PreparedRecord) -> Predict:
-    """The structure of PyBatteryID (Sheikh et al.): the overvoltage regressed on its two samples
-    before and on three currents, each by 1, SOC, 1 / SOC and log SOC; simulated freely."""
-    grid = Grid.of(prepared)
+    """The structure of PyBatteryID (Sheikh et al.) without its sparsity and hysteresis: every
+    second the overvoltage is regressed on its two samples before and on three currents, each by 1,
+    SOC, 1 / SOC and log SOC; simulated freely."""
+    grid = Grid.of(prepared, least_s=1.0)
 
     def rows(over_v: np.ndarray, one: Grid) -> np.ndarray:
         soc = np.clip(one.soc[2:], 0.01, 1.0)
         basis = np.stack([np.ones_like(soc), soc, 1 / soc, np.log(soc)], axis=1)
-        current_a = one.current_a
+        current_a = one.ohmic_a
         signals = over_v[1:-1], over_v[:-2], current_a[2:], current_a[1:-1], current_a[:-2]
         return np.concatenate([basis * signal[:, None] for signal in signals], axis=1)
 
-    coefficients, *_ = np.linalg.lstsq(rows(grid.over_v, grid), grid.over_v[2:])
+    scored = grid.scored[2:]
+    columns = rows(grid.over_v, grid)[scored]
+    coefficients, *_ = np.linalg.lstsq(columns, grid.over_v[2:][scored])
 
     def predict(other: PreparedRecord) -> np.ndarray:
-        one = Grid.of(other)
+        one = Grid.of(other, least_s=1.0)
         of_current = rows(np.zeros_like(one.over_v), one) @ coefficients
         bases = rows(np.ones_like(one.over_v), one)[:, :8]
         first, second = bases[:, :4] @ coefficients[:4], bases[:, 4:] @ coefficients[4:8]
@@ -158,7 +164,7 @@ def along(circuit: CircuitParameters) -> Predict:
 PEERS: dict[str, Callable[[PreparedRecord], Predict]] = {
     "SciPy trf, ten starts, constants": scipy_constants,
     "NumPy and SciPy nnls, tables": projected_tables,
-    "LPV regression (PyBatteryID's structure)": regression,
+    "LPV regression, as in PyBatteryID": regression,
 }
 
 
@@ -169,7 +175,7 @@ def with_barnax(split: Split) -> Fitted:
     seconds = time.perf_counter() - begin
     inside = list(holds_r0(result.fit, identified(split, split.left_out).fit))
     path, window = split.left_out
-    evaluation = result.validate(path, replace_capacity(window, split.capacity_ah))
+    evaluation = result.validate(path, counted_over(window, split.capacity_ah))
     prepared = evaluation.prepared
     errors_v, soc = evaluation.error_v[prepared.scored], prepared.soc[prepared.scored]
     return Fitted(seconds, errors_v, soc > 0.1, (sum(inside), len(inside)))
@@ -192,7 +198,7 @@ def identified(split: Split, part: tuple[Path, barnax.Window]) -> barnax.Result:
     return barnax.identify(path, ocv=split.ocv, window=window, capacity=split.capacity_ah)
 
 
-def replace_capacity(window: barnax.Window, capacity_ah: float | None) -> barnax.Window:
+def counted_over(window: barnax.Window, capacity_ah: float | None) -> barnax.Window:
     """The window with the capacity that is counted over."""
     return barnax.Window(**{**vars(window), "capacity_ah": capacity_ah})
 
@@ -211,8 +217,8 @@ def prepared_of(split: Split) -> tuple[PreparedRecord, PreparedRecord]:
 
 def with_peer(make: Callable[[PreparedRecord], Predict], split: Split) -> Fitted:
     """A tool that is given what barnax has: OCV, start, capacity, and the counted samples."""
-    fitted, left_out = prepared_of(split)
     begin = time.perf_counter()
+    fitted, left_out = prepared_of(split)
     predict = make(fitted)
     seconds = time.perf_counter() - begin
     errors_v = predict(left_out)[left_out.scored]
@@ -225,9 +231,9 @@ def submitted(path: Path) -> CircuitParameters:
     with path.open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     try:
-        names = [name for name in rows[0] if name.startswith("R")]
-        taus_s = [float(rows[0][f"tau{pair} [s]"]) for pair in range(1, len(names))]
-        tables = [[float(row[name]) for row in rows] for name in sorted(names)]
+        pairs = range(1, sum(name.startswith("R") for name in rows[0]))
+        taus_s = [float(rows[0][f"tau{pair} [s]"]) for pair in pairs]
+        tables = [[float(row[f"R{k} [Ohm]"]) for row in rows] for k in (0, *pairs)]
         nodes = [float(row["SOC"]) for row in rows]
     except (KeyError, IndexError, TypeError, ValueError) as problem:
         raise InputError(

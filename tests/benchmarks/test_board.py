@@ -13,26 +13,28 @@ from barnax.model.prepared import prepare_record
 R_OHM, TAU_S = (0.05, 0.02, 0.03), (12.0, 150.0)
 
 
-def prepared_on(cell, seed):
-    """A record of two RC pairs, made with SciPy's `lfilter` from full to half full."""
+def prepared_on(cell, seed, hold="forward"):
+    """A record of two RC pairs, made with SciPy's `lfilter` from full to half full; of `hold`
+    backward each row has the current before its voltage."""
     draw = np.random.default_rng(seed)
     current_a = np.repeat(draw.gamma(0.8, 1.2, 120) * draw.choice([1, 1, -0.5, 0], 120), 25)
     current_a[:60] = 0.0
     soc = 0.95 - np.append(0.0, np.cumsum(current_a[:-1])) / 3600 / cell.capacity_ah
-    voltage_v = cell.average_ocv_v(soc) - R_OHM[0] * current_a
+    of_row_a = current_a if hold == "forward" else np.append(0.0, current_a[:-1])
+    voltage_v = cell.average_ocv_v(soc) - R_OHM[0] * of_row_a
     for r_ohm, tau_s in zip(R_OHM[1:], TAU_S, strict=True):
         kept = np.exp(-1 / tau_s)
         voltage_v -= lfilter([0.0, (1 - kept) * r_ohm], [1.0, -kept], current_a)
-    table = {"Time [s]": np.arange(3000.0), "Current [A]": current_a, "Voltage [V]": voltage_v}
+    table = {"Time [s]": np.arange(3000.0), "Current [A]": of_row_a, "Voltage [V]": voltage_v}
     record = barnax.record_from_frame(
-        table, name="made", current_sign="discharge-positive", current_hold="forward"
+        table, name="made", current_sign="discharge-positive", current_hold=hold
     )
     return prepare_record(record, cell, "so-rc", barnax.Window(initial_soc=0.95))
 
 
-@pytest.fixture(scope="module")
-def pair(bundled_cell):
-    return prepared_on(bundled_cell, 1), prepared_on(bundled_cell, 2)
+@pytest.fixture(scope="module", params=["forward", "backward"])
+def pair(request, bundled_cell):
+    return tuple(prepared_on(bundled_cell, seed, request.param) for seed in (1, 2))
 
 
 @pytest.mark.parametrize("tool", PEERS)

@@ -104,14 +104,16 @@ def register(
         records = [prepared.following(dependence) for prepared in moved_means]
         if is_settled:
             break
-    # Straight lines between nodes move them by as much, about, as lines between every second do.
+    # Straight lines between nodes, of resistances and of the OCV's correction, move them by as much
+    # about as those between every second do; by no more than what was given leaves open.
     nodes, ocv_nodes = plain.nodes, plain.nodes_of_ocv
     halved = [(_halved(nodes), ocv_nodes), (nodes, _halved(ocv_nodes))]
     for nodes, ocv_nodes in halved if rounds > 1 else []:
         coarser = replace(plain, nodes=nodes, ocv_nodes=ocv_nodes)
         solved = solved_at(records, coarser, objective.ranges, best.log_scales)
         estimated = estimate(*solved, of_starts, shifts.ravel(), [prior.ravel()])[0]
-        errors = np.hypot(errors, (to_axis @ estimated.values).reshape(shifts.shape) - shifts)
+        apart = (to_axis @ estimated.values).reshape(shifts.shape) - shifts
+        errors = np.minimum(np.hypot(errors, apart), np.maximum(errors, prior))
     moves = np.hstack([shifts, errors])
     offset = shared_offset(*at_first, prior, best.rms_v)
     shared = {} if offset is None else asdict(offset)

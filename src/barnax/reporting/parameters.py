@@ -133,18 +133,17 @@ def _ends(numbers: Iterable[Any]) -> list[Any]:
 
 
 def _mean_over(fit: "TableFit", mean: Fact, within: tuple[float, float] | None) -> Fact:
-    """A mean over part of its SOC. Its interval can only be too wide: it is that of nodes with one
-    common error, or where that is narrower, of the mean over all less that of the rest."""
+    """A mean over part of its SOC. Its interval can only be too wide: it is the narrower one of
+    nodes with one common error, and of the mean over all less these of the rest."""
     if within is None or fit.mean_soc is None or within == fit.mean_soc:
         return mean
     length, whole = np.ptp(within), np.ptp(fit.mean_soc)
     part = _integral(fit, mean.name, within)
     rest = _integral(fit, mean.name, fit.mean_soc) - part
     given = np.array([mean.low, mean.high], float)
-    low, high = part[1:] / length
-    less_low, less_high = (whole * given - rest[:0:-1]) / length
-    ends = [part[0] / length, np.fmax(low, less_low), np.fmin(high, less_high)]
-    value, low, high = _ends(ends)
+    of_nodes, of_mean = part[1:] / length, (whole * given - rest[:0:-1]) / length
+    ends = of_nodes if np.isnan(of_mean).any() or np.ptp(of_nodes) < np.ptp(of_mean) else of_mean
+    value, low, high = _ends([part[0] / length, *ends])
     return replace(mean, value=value, low=low, high=high)
 
 

@@ -19,7 +19,6 @@ from .sections import circuit, many_seeds, speed
 FOLDER = Path(__file__).parents[1] / "results"
 ALL_2022 = tuple(range(1, 13))
 ODD, EVEN = tuple(range(1, 31, 2)), tuple(range(2, 31, 2))
-# Each whole, and quick: evaluations and runs. The competitions' are the whole ones.
 # The competitions' evaluations and runs, and those of `--quick`, which leaves some suites out.
 SUITES = (
     (Suite(2022, 10, ALL_2022, 200_000, 30), (20_000, 5)),
@@ -61,6 +60,8 @@ def main() -> None:
     raw = options.out / "optimizers.json"
     measured = json.loads(raw.read_text(encoding="utf-8")) if raw.exists() else {}
     measures = sections(options.quick, options.workers)
+    if unknown := {*(options.only or ())} - measures.keys():
+        parser.error(f"no section is called {min(unknown)!r}; there are {', '.join(measures)}")
     command = "python -m benchmarks.optimizers" + " --quick" * options.quick
     for name in measures if options.only is None else options.only:
         start = time.perf_counter()
@@ -70,6 +71,8 @@ def main() -> None:
         save_page(raw, json.dumps(measured, separators=(",", ":")) + "\n")
     missing = [name for name in sections(False, 1) if name not in measured]
     suites = [name for name in measured if name.startswith("CEC")]
+    if not suites:
+        parser.error("the page begins with a suite of functions; measure one of them too")
     publish(options.out / "optimizers.md", page(measured, suites, missing))
     figure = ecdf_figure({name: measured[name] for name in suites}, SPENT)
     save_figure(options.out / "optimizers.png", figure, dpi=80)

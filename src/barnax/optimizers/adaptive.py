@@ -173,9 +173,10 @@ class AdaptiveMating(AbstractPopulationMinimiser):
         """Of the population, how many live in a generation."""
         if not self.is_shrinking:
             return jnp.int32(self.population)
+        least = min(4, self.population)
         spent = (generation / self.iterations).astype(jnp.float32) ** self.reduction_power
-        living = jnp.round(self.population - (self.population - 4) * spent)
-        return jnp.maximum(4, living).astype(jnp.int32)
+        living = jnp.round(self.population - (self.population - least) * spent)
+        return jnp.maximum(least, living).astype(jnp.int32)
 
     def _scale_and_rate(self, history: History, of_slot, of_scale, of_low_scale, normals):
         slot = _chosen(of_slot, jnp.int32(self.memory))

@@ -21,9 +21,10 @@ INTRODUCTION = (
     "and end a run, as in the competitions. All evaluations are counted by one wrapper, which "
     "forgets what is evaluated beyond the budget. `de` (rand/1/bin, F 0.5, CR 0.9, 10 D "
     "candidates), `l-shade` (18 D), `jso` and `bipop-cma-es` are those of `minionpy`; ours have 30 "
-    "candidates, `ibmo-adaptive` 18 D; it was developed on the odd functions of CEC 2017. `cocoex` is not installed: targets are COCO's 51, 100 to "
-    "1e-8, on these functions, and nothing is a result of BBOB. *Solved* and *targets* are the "
-    "shares of runs, and of pairs of run and target, that were reached."
+    "candidates, `ibmo-adaptive` 18 D; it was developed on the odd functions of CEC 2017. `cocoex` "
+    "is not installed: targets are COCO's 51, 100 to 1e-8, on these functions, and nothing is a "
+    "result of BBOB. *Solved* and *targets* are the shares of runs, and of pairs of run and "
+    "target, that were reached."
 )
 
 # Section, title and columns of the tables that need no more words.

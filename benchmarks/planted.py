@@ -78,7 +78,7 @@ FAULTS = (
           "float(bounds_v[0]) - slack_v", "float(bounds_v[-1]) - slack_v",
           "tests/global_optimum/test_certificate.py"),
     # Intervals.
-    fault("quantile of intervals", "uncertainty/noise.py",
+    fault("quantile of intervals", "metrics.py",
           "stdtrit(freedom, (1 + CONFIDENCE) / 2)", "stdtrit(freedom, CONFIDENCE)",
           DENSE, "tests/uncertainty/test_covariance.py"),
     fault("one more record", "over_soc/cross_validation.py",

@@ -76,7 +76,9 @@ class Job(TableOptions, CellSettings, Reading, Scope, Settings):
     settings: Settings | None = None
     reading: Reading | None = None
     tables: TableSettings | None = None
-    ranges: GivenRanges = field(init=False)
+
+    if TYPE_CHECKING:
+        ranges: GivenRanges = field(init=False)
 
     def __repr__(self) -> str:
         return f"Job({', '.join(f'{name}={brief(value)}' for name, value in self.chosen.items())})"
@@ -143,7 +145,7 @@ class Job(TableOptions, CellSettings, Reading, Scope, Settings):
     @classmethod
     def require_names(cls, options: Mapping[str, Any]) -> None:
         """Raise `TypeError` for an option that there is not, with the nearest one that there is."""
-        allowed = [field.name for field in fields(cls) if field.init]
+        allowed = [field.name for field in fields(cls)]
         for name in sorted(options.keys() - {*allowed}):
             near = difflib.get_close_matches(name, allowed, 1)
             remedy = f"; did you mean {near[0]}?" if near else f"; there are {', '.join(allowed)}"
@@ -171,9 +173,7 @@ def window_of(window: Windows, name: str) -> Window:
 
 
 # The options of `identify` with their types.
-OPTIONS: Mapping[str, Any] = {
-    name: hint for name, hint in get_type_hints(Job).items() if name != "ranges"
-}
+OPTIONS: Mapping[str, Any] = get_type_hints(Job)
 # Those that a plan holds: all but data, and what is done while it runs.
 _GROUPS = (Settings, Reading, CellSettings, Scope, TableOptions)
 PLANNED = (*(field.name for kind in _GROUPS for field in fields(kind)), "capacity", "bounds", "fix")

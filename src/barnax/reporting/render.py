@@ -61,7 +61,7 @@ def to_html(document: Page) -> str:
 
     Where a picture has a live form the page holds one script, which its policy allows by hash.
 
-    >>> "<h1>A &lt; B</h1>" in to_html(Document("A < B", "", ()))
+    >>> "<h1>A &lt; B</h1>" in to_html(Page("A < B", "", ()))
     True
     """
     script, allowed = "", ""

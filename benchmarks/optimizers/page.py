@@ -135,12 +135,16 @@ def ecdf_figure(sections: dict[str, dict[str, Any]], spent: NDArray) -> Figure:
     suites = {name: Results(section["rows"]) for name, section in sections.items()}
     figure = Figure(figsize=(max(8, 5 * len(suites)), 5), layout="constrained")
     panels = figure.subplots(1, len(suites), squeeze=False, sharey=True)[0]
-    for axes, (title, results) in zip(panels, suites.items(), strict=True):
+    for axes, (title, results), section in zip(
+        panels, suites.items(), sections.values(), strict=True
+    ):
+        # Runs end there.
+        most = max(budget / dims for *_, dims, _, budget, _ in section["suites"])
         shares = results.array("reached").mean(axis=0)
         for number, (name, share) in enumerate(zip(results.methods, shares, strict=True)):
             style = "-" if number < len(COLORS) else "--"
             axes.plot(spent, share, style, color=COLORS[number % len(COLORS)], label=name)
-        axes.set(xscale="log", title=title, xlabel="evaluations / dimension")
+        axes.set(xscale="log", title=title, xlabel="evaluations / dimension", xlim=(spent[0], most))
         axes.grid(alpha=0.3)
     panels[0].set(ylabel="share of targets reached")
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=6)

@@ -195,7 +195,7 @@ def replay_soc(
     warnings += no_temperature(prepared, used.fits)
     capacity_ah = prepared.capacity_ah
     model = model_of(used, settings.estimate, capacity_ah)
-    # Innovations and estimates are told from the right start, which comes first.
+    # Innovations and estimates are those from the right start, which comes first.
     right = [one for one in scenarios if one == Scenario(one.name)] or [SCENARIOS[0]]
     ordered = dict.fromkeys([*right, *scenarios])
     tried = {scenario: first_with_room(prepared.soc, scenario.soc_error) for scenario in ordered}

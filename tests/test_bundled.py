@@ -37,11 +37,6 @@ def test_a_file_has_the_hash_of_its_page_and_columns_of_the_battery_data_format(
     assert voltage_v.max() < 4.2 + 6 * VOLTAGE_NOISE_V
 
 
-def test_the_roles_name_every_file():
-    paths = [BUNDLED.record, BUNDLED.validation, *BUNDLED.ocv, *BUNDLED.hppc]
-    assert [path.stem for path in paths] == [*BUNDLED_NAMES, *HPPC_NAMES]
-
-
 def test_an_installed_wheel_has_the_files_beside_the_module_or_says_so(tmp_path, monkeypatch):
     package, bundled_folder = tmp_path / "lib" / "barnax", BUNDLED.record.parent
     monkeypatch.setattr(bundled, "__file__", str(package / "bundled.py"))

@@ -73,49 +73,7 @@ def test_a_record_counts_one_by_one_and_forgets_what_is_beyond_the_budget():
     np.testing.assert_allclose(record.best, losses[:, :, 0].min(axis=1) - 5)
 
 
-def zakharov(z):
-    weighted = np.sum(0.5 * np.arange(1, len(z) + 1) * z)
-    return np.sum(z**2) + weighted**2 + weighted**4
-
-
-def rosenbrock(z):
-    z = z * 2.048 / 100 + 1
-    return np.sum(100 * (z[:-1] ** 2 - z[1:]) ** 2 + (z[:-1] - 1) ** 2)
-
-
-def schaffer(z):
-    radii = np.sqrt(z[:-1] ** 2 + z[1:] ** 2)
-    return np.mean(np.sqrt(radii) * (1 + np.sin(50 * radii**0.2) ** 2)) ** 2
-
-
-def rastrigin(z):
-    z = z * 5.12 / 100
-    return np.sum(z**2 - 10 * np.cos(2 * np.pi * z) + 10)
-
-
-def levy(z):
-    w = 1 + z / 4
-    inner = (w[:-1] - 1) ** 2 * (1 + 10 * np.sin(np.pi * w[:-1] + 1) ** 2)
-    last = (w[-1] - 1) ** 2 * (1 + np.sin(2 * np.pi * w[-1]) ** 2)
-    return np.sin(np.pi * w[0]) ** 2 + np.sum(inner) + last
-
-
 FILES = Path(runs.minionpy.__file__).parent / "cec_input_data" / "input_data_2022"
-
-
-@pytest.mark.parametrize("dims", [10, 20])
-@pytest.mark.parametrize(
-    ("number", "formula"), [*enumerate([zakharov, rosenbrock, schaffer, rastrigin, levy], 1)]
-)
-def test_basic_functions_of_cec_2022_are_those_of_its_report(number, formula, dims):
-    """Shifts and rotations are the competition's. Its code leaves Schaffer's unrotated."""
-    shift = np.loadtxt(FILES / f"shift_data_{number}.txt").ravel()[:dims]
-    rotation = np.loadtxt(FILES / f"M_{number}_D{dims}.txt")[:dims]
-    positions = np.random.default_rng(number).uniform(-100, 100, (5, dims))
-    turned = positions - shift if number == 3 else (positions - shift) @ rotation.T
-    function = runs.Suite(2022, dims, (), 0, 0).function(number)
-    values = np.array(function(positions)) - function.f_opt
-    np.testing.assert_allclose(values, [*map(formula, turned)], rtol=1e-12)
 
 
 @pytest.mark.parametrize("number", range(1, 13))

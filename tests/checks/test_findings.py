@@ -429,23 +429,6 @@ def test_a_sign_that_turns_is_found_where_it_does(tmp_path, name):
     assert 0 <= finding(outcome, "sign").row - half < 500
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", DRIVES)
-@pytest.mark.parametrize("start", [3000, 9000])
-def test_a_sign_turned_for_300_samples_is_found(tmp_path, name, start):
-    table = frame(name)
-    current_a = array(table, CURRENT).copy()
-    current_a[start : start + 300] *= -1
-    outcome = checked(tmp_path, changed(table, CURRENT, current_a))
-    assert counting(outcome) == {"sign": "error"}
-    assert finding(outcome, "sign").row == pytest.approx(start, abs=100)
-    assert "it turns back at row" in finding(outcome, "sign").what
-    # Mended, it moves what the record moves.
-    assert outcome.facts.discharged_ah == pytest.approx(
-        checked(tmp_path, table).facts.discharged_ah, abs=0.02
-    )
-
-
 def test_a_hard_drive_cycle_without_its_sign_is_found(tmp_path, real_data):
     """US06 charges so seldom that few of its steps contradict the others."""
     (path,) = real_data.glob("calce*/us06_25degC_80soc*.parquet")

@@ -43,10 +43,6 @@ def checks(real_data):
     return {file: check_file(real_data / file) for file in FILES}
 
 
-def usable(outcome):
-    return [role.name for role in outcome.roles if role.is_usable]
-
-
 def test_every_finding_and_role_is_worded_as_it_was_written_down(checks):
     lines = []
     for file, outcome in checks.items():
@@ -58,15 +54,6 @@ def test_every_finding_and_role_is_worded_as_it_was_written_down(checks):
             verdict = "yes" if role.is_usable else "no"
             lines.append(f"  {role.name}: {verdict}, {role.reason}{options}")
     require_golden(Path(__file__).with_name("measured.txt"), "\n".join(lines) + "\n")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("file", [OCV[1], OCV[3], DYNAMIC[1], DYNAMIC[2]])
-@pytest.mark.parametrize("capacity_ah", [None, 2.06])
-def test_a_dither_and_a_charge_serve_for_nothing(real_data, file, capacity_ah):
-    outcome = check_file(real_data / file, capacity_ah=capacity_ah)
-    assert usable(outcome) == []
-    assert outcome.traits.kind(2.06) == ("charge" if file == DYNAMIC[2] else "no test")
 
 
 def test_every_measured_file_is_known_for_what_it_is(checks):

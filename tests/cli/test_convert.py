@@ -74,16 +74,6 @@ def test_a_users_own_json_is_not_replaced_by_the_origin_of_a_record(refuse, run,
         assert (tmp_path / "out.json").read_text() == mine
 
 
-def test_a_pack_is_converted_to_one_of_its_cells(run, tmp_path):
-    table = pulse_table()
-    table.with_columns(pl.col(VOLTAGE) * 12).write_csv(tmp_path / "pack.csv")
-    words = (tmp_path / "pack.csv", "--series", "12")
-    assert run("convert", *words, "--out", tmp_path / "o.csv").status == 0
-    read = read_record(tmp_path / "o.csv").voltage_v
-    np.testing.assert_allclose(read, table[VOLTAGE].to_numpy())
-    assert "divided by 12" in run("check", *words).out
-
-
 def test_a_log_that_was_cut_into_files_is_joined(run, refuse, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     record, _ = made(1, hours=0.6)

@@ -21,7 +21,7 @@ from barnax.reporting.first_screen import Next
 from barnax.results import Result
 from helpers import golden
 
-from .conftest import BUDGET, OCV, contents, run_command
+from .conftest import BUDGET, OCV, contents
 
 ALWAYS = {"summary"}
 
@@ -183,42 +183,6 @@ def test_a_full_stdout_is_one_message_and_the_folder_is_written(tmp_path):
     assert "error: output could not be written (No space left on device)" in done.stderr
     assert "Traceback" not in done.stderr
     assert Result.from_json(tmp_path / "barnax-out" / "result.json").model == "iso-rc"
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("without_figures")
-def test_windows_and_capacities_of_each_record_are_followed_and_repeat(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    for folder, source in (("a", BUNDLED.record), ("b", BUNDLED.validation)):
-        Path(folder).mkdir()
-        table = pl.read_parquet(source).head(1600).with_columns(pl.col("Voltage / V") + 1e-3)
-        table.write_parquet(f"{folder}/drive.parquet")
-    Path("box.toml").write_text('[bounds]\n"R0 [Ohm]" = [0.01, 0.1]\n')
-    outcome = run_command(
-        "identify", "a/drive.parquet", "b/drive.parquet", *OCV, "--validate", BUNDLED.validation,
-        "--model", "iso-rc", "--seeds", "1", "--population", "8", "--iterations", "1", "--trust",
-        "none", "--score-to", "1500", "--score-to", "b/drive.parquet=1000",
-        "--capacity", "b/drive.parquet=1.9", "--initial-soc", "validation.parquet=0.98",
-        "--fix", "R1 [Ohm]=0.01", "--bounds", "box.toml", "--key", "3",
-        "--current-sign", "charge-positive", "--out", "o",
-    )  # fmt: skip
-    assert outcome.status == 0, outcome.err
-    result = Result.from_json("o/result.json")
-    first, second, third = (*result.of_role("identification"), *result.of_role("validation"))
-    assert [each.name for each in (first, second)] == ["a/drive.parquet", "b/drive.parquet"]
-    assert [each.record for each in result.metrics.jointly] == [first.name, second.name]
-    assert [each.samples for each in (first, second, third)] == [1501, 1001, 1501]
-    assert second.initial_capacity_ah == 1.9
-    assert first.initial_capacity_ah == third.capacity_ah == result.cell.capacity_ah
-    assert [each.window.registration.given_source for each in (first, second)] == [
-        "rested voltage", "rested voltage"
-    ]  # fmt: skip
-    assert third.start.soc_source == "given"
-    # Validated again, a record keeps what was given for it.
-    again = run_command("validate", "o", BUNDLED.validation, "--json")
-    assert json.loads(again.out)["rmse [V]"] == result.metrics.validation[0].rmse_v
-    assert run_command("identify", "o/plan.toml", "--out", "again").status == 0
-    assert Path("again/result.json").read_bytes() == Path("o/result.json").read_bytes()
 
 
 @pytest.mark.parametrize(

@@ -114,19 +114,6 @@ def test_what_was_said_of_one_record_is_not_another_s(run, stored, drive, tmp_pa
     assert rmse_v(run, "own.json", drive) == rmse_v(run, stored, drive)
 
 
-@pytest.mark.slow
-def test_a_window_is_known_by_content_and_not_by_name(run, rewritten, stored, drive, tmp_path):
-    narrow = rewritten(**{"initial_soc": 0.5})
-    again = tmp_path / "again.parquet"
-    again.write_bytes(BUNDLED.validation.read_bytes())
-    assert rmse_v(run, narrow, again) == rmse_v(run, narrow, BUNDLED.validation)
-    plain = rmse_v(run, stored, drive)
-    other = tmp_path / "other" / BUNDLED.validation.name
-    other.parent.mkdir()
-    other.write_bytes((tmp_path / drive).read_bytes())
-    assert rmse_v(run, narrow, other) == plain
-
-
 def test_the_choice_of_a_circuit_is_shown_where_there_was_one(run, stored, tmp_path):
     outcome = run("show", stored, "--choice")
     assert outcome.status == 2

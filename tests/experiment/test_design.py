@@ -38,11 +38,6 @@ def few_blocks():
 
 
 @pytest.fixture(scope="module")
-def designed():
-    return barnax.design(capacity=2.0, max_hours=1.8, blocks=few_blocks(), **LIMITS)
-
-
-@pytest.fixture(scope="module")
 def pulsed():
     # Moves and rests alone do not tell R0 so well.
     return quick_design(**PULSED, blocks=few_blocks())
@@ -168,35 +163,10 @@ def test_rates_over_soc_hold_for_pieces_that_leave_their_stretch():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["R0", "R1", "R2", "drive"])
-def test_a_design_promises_more_an_hour_than_a_pulse_test(designed, name):
-    hppc = designed.references[0]
-    assert designed.hours < hppc.hours / 6
-    own, others = (
-        np.sqrt(hours) * np.median([width.after for width in designed.of_table(name, widths)])
-        for hours, widths in ((designed.hours, designed.widths), (hppc.hours, hppc.widths))
-    )
-    assert own < others
-
-
-@pytest.mark.slow
 def test_the_same_key_gives_the_same_design(pulsed):
     assert quick_design(**PULSED, blocks=few_blocks()).to_json() == pulsed.to_json()
     blocks, others = (barnax.candidate_blocks(jax.random.key(key)) for key in (0, 1))
     assert blocks != others
-
-
-@pytest.mark.slow
-def test_a_wish_that_is_easy_takes_the_least_time_whatever_is_given():
-    """The best of a long test has more pieces than fit into a short one."""
-    hours = []
-    for max_hours in (1.6, 3.0):
-        found = barnax.design(
-            capacity=2.0, max_hours=max_hours, want={"R0": 0.05}, blocks=few_blocks(), **LIMITS
-        )
-        assert found.is_reached
-        hours.append(found.hours)
-    assert hours[1] < 1.1 * hours[0]
 
 
 def test_earlier_records_narrow_what_a_test_leaves(prior):

@@ -83,14 +83,3 @@ def test_planted_noise_is_found(prepared, prior):
     )
     assert fast == pytest.approx(2e-3, rel=0.25)
     assert slow == pytest.approx(3e-3, rel=0.35)
-
-
-@pytest.mark.slow
-def test_records_have_the_noise_of_both(prepared, prior):
-    rng = np.random.default_rng(5)
-    count = len(prepared.soc)
-    both = [left(prepared, prior, correlated(rng, count, 60, sd_v)) for sd_v in (1e-3, 4e-3)]
-    found = error_of(prior, both)
-    expected_v = np.sqrt((1e-6 + 16e-6) / 2)
-    assert np.sqrt(sum(sd_v**2 for _, sd_v in found.noise)) == pytest.approx(expected_v, rel=0.2)
-    assert error_of(prior, both[:1]).rmse_v < 0.5 * found.rmse_v

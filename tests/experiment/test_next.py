@@ -25,6 +25,7 @@ from helpers.designs import BLOCKS, quick_design
 from helpers.known_cell import made
 from helpers.reference import make_record
 from helpers.report_reader import screen_of
+from helpers.results import with_fit
 
 
 @pytest.fixture(scope="module")
@@ -91,14 +92,12 @@ def test_a_pulse_test_that_counted_is_the_ocv_test_too(design, tmp_path):
 
 
 def test_a_table_left_open_is_answered_with_a_test(result):
-    fit = result.fit
     opened = tuple(
         replace(each, standard_error=each.value) if each.name == "R2 [Ohm]" else each
-        for each in fit.intervals
+        for each in result.fit.intervals
     )
-    part = replace(result.tables, fits=(replace(fit, intervals=opened),))
     assert not next_step(result).designs
-    opened_result = result.model_copy(update={"tables": part})
+    opened_result = with_fit(result, intervals=opened)
     step = next_step(opened_result)
     assert step.designs
     assert "R2" in step.advice

@@ -1,7 +1,5 @@
 """What every export starts from: curves over SOC as tables that are read linearly."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -23,6 +21,7 @@ from helpers.results import (
     make_result,
     make_table_result,
     with_constant,
+    with_fit,
 )
 
 from .conftest import DEGC, r0_ohm
@@ -67,9 +66,7 @@ def test_a_time_constant_at_a_bound_is_a_caveat():
     told = "tau2 ended at the upper bound of its search: the data do not set it."
     (bound,) = bounds = (AtBound("tau2 [s]", "upper"),)
     result = make_table_result()
-    part = result.tables
-    fits = tuple(replace(fit, at_bound=(bound,)) for fit in part.fits)
-    over_soc = result.model_copy(update={"tables": replace(part, fits=fits)})
+    over_soc = with_fit(result, at_bound=(bound,))
     for bounded in (over_soc, with_constant(make_result(), at_bound=bounds)):
         assert told in tables_of(bounded).caveats
     # The constant circuit beside tables is not what is exported.
@@ -143,11 +140,9 @@ def test_a_linear_look_up_follows_what_lies_between_temperatures(over_temperatur
 
 def test_where_the_samples_do_not_determine_a_table_is_a_caveat():
     result = make_table_result()
-    (fit,) = result.tables.fits
     open_nodes = [NodeInterval("OCV [V]", soc, 3.2, 0.0, 0.0, None, None) for soc in (0.0, 0.05)]
     open_nodes.append(NodeInterval("R1 [Ohm]", 0.1, 0.0, 0.0, 0.0, None, 2e-3))
-    fits = (replace(fit, intervals=(*fit.intervals, *open_nodes)),)
-    undetermined = result.model_copy(update={"tables": replace(result.tables, fits=fits)})
+    undetermined = with_fit(result, intervals=(*result.fit.intervals, *open_nodes))
     told = " ".join(tables_of(undetermined).caveats)
     assert "OCV at SOC 0, 0.05." in told
     assert "a capacitance derived from it means nothing on its own: R1 at SOC 0.1." in told

@@ -6,13 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
 
 from barnax.errors import InputError
 from barnax.export import EXPORTERS, HeldLoad, require_package, verify
 from barnax.export.tables import TOLERANCE_V, tables_of
 from barnax.export.verification import simulate_here
-from helpers.results import CAPACITY_AH, PAIRS, make_result, make_table_result
+from helpers.results import make_result, make_table_result
 
 SHORT = HeldLoad(1.0 * np.arange(200), np.where(np.arange(200) % 40 < 20, 2.0, -1.0))
 # Nearly to empty, beyond nodes that end before.
@@ -41,18 +40,6 @@ def test_a_simulation_that_ends_early_never_passes_for_agreement():
     result = make_result("so-rc")
     found = verify(result, faked(result, np.where(np.arange(200) < 150, 0.0, np.nan)), b"", SHORT)
     assert (found.largest_v, found.rms_v) == (math.inf, math.inf)
-
-
-@pytest.mark.parametrize("own_ah", [None, 1.5])
-def test_barnax_own_side_is_the_circuit_that_was_identified(own_ah):
-    result = make_result("so-rc", capacity_ah=own_ah)
-    found_v = simulate_here(result, SHORT)
-    soc = 0.9 - np.append(0, np.cumsum(SHORT.current_a[:-1])) / 3600 / (own_ah or CAPACITY_AH)
-    expected_v = result.cell.average_ocv_v(soc) - 0.0511 * SHORT.current_a
-    for r, c in PAIRS[:2]:
-        decay = math.exp(-1 / (r * c))
-        expected_v -= lfilter([0, r * (1 - decay)], [1, -decay], SHORT.current_a)
-    np.testing.assert_allclose(found_v, expected_v, rtol=1e-12)
 
 
 @pytest.mark.parametrize("direction", [1, -1])

@@ -237,6 +237,12 @@ def make_table_result(circuit: str = "so-rc", kept: slice = slice(None), **given
     return result.model_copy(update={"tables": part, "metrics": block})
 
 
+def with_fit(result: Result, **changes: Any) -> Result:
+    """The result with something else in each of its fits of tables."""
+    fits = tuple(replace(fit, **changes) for fit in result.fits)
+    return result.model_copy(update={"tables": replace(result.fits, fits=fits)})
+
+
 def with_constant(result: Result, **update: Any) -> Result:
     """The result with something else in its constant circuit; its errors are the answer's too."""
     own = {"constant": result.constant.model_copy(update=update)}

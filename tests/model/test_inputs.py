@@ -96,25 +96,6 @@ def test_the_simulation_ends_with_the_last_scored_sample(bundled_cell):
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"start_time_s": 1.0, "start_after_step": 2}, "`start_time` or `start_after_step`, not"),
-        ({"initial_soc": 80.0}, r"`initial_soc` 80.0 is not a fraction.* 0 \(empty\) to 1 \(full"),
-        ({"initial_direction": 0}, r"`initial_direction` 0 is neither \+1 .* nor -1"),
-        ({"rest_current_a": 0.0}, r"`rest_current` 0.0 must be positive"),
-        ({"rest_current_a": float("nan")}, r"`rest_current` nan must be positive"),
-        ({"capacity_ah": -2.0}, r"`capacity` -2.0 must be positive"),
-        ({"score_soc": "0.2:0.8"}, "`score_soc` '0.2:0.8' is not as in 0.1,1"),
-        ({"score_soc": (0.9, 0.1)}, r"`score_soc` 0.9,0.1: the lower end comes first"),
-        ({"score_from_s": 20.0, "score_to_s": 10.0}, "`score_to` 10.0 s must come after"),
-    ],
-)
-def test_a_window_that_cannot_be_is_refused_with_the_option_and_its_value(options, message):
-    with pytest.raises(InputError, match=message):
-        Window(**options)
-
-
-@pytest.mark.parametrize(
     ("window", "changes", "message"),
     [
         (Window(start_time_s=49.0), {}, "`start_time` 49.0 s .* from 50 to 1040 s"),

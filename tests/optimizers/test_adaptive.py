@@ -6,7 +6,7 @@ import jax.random as jr
 import numpy as np
 import pytest
 
-from barnax.optimizers import AdaptiveMating, Box, Swarm, minimise
+from barnax.optimizers import AdaptiveMating, Box, Swarm
 
 POPULATION, DIMS = 20, 3
 
@@ -143,25 +143,3 @@ def test_each_part_of_the_ranking_has_a_mother_and_the_last_four_all_are():
         mothers = a_generation(solver, 4, generation)[3].brood.mother
         assert set(np.asarray(mothers) * 4 // living) == {0, 1, 2, 3}
     assert living == 4
-
-
-@pytest.mark.slow
-def test_a_rotated_valley_is_solved_sooner_along_eigenvectors():
-    def valley(x, axes):
-        return jnp.sum(10.0 ** jnp.arange(0, 6, 6 / 8) * (axes @ x) ** 2)
-
-    axes = np.linalg.qr(np.random.default_rng(0).normal(size=(8, 8)))[0]
-    ends = jnp.full(8, -2.0), jnp.full(8, 5.0)
-    worst = {
-        share: minimise(
-            valley,
-            AdaptiveMating(60, 300, eigen_share=share),
-            *ends,
-            key=jr.split(jr.key(0), 5),
-            args=jnp.asarray(axes),
-        )
-        .stats["best_loss"]
-        .max()
-        for share in (0.0, 0.5)
-    }
-    assert worst[0.5] < 0.1 * worst[0.0]

@@ -54,22 +54,6 @@ def test_a_search_asked_and_told_is_that_of_one_call(whole):
     assert state.evaluations == 8 * 21
 
 
-def test_states_beside_each_other_are_asked_and_told_in_one_call():
-    optimizer, keys = BarnacleMating(**SMALL), jr.split(KEY, 3)
-
-    def generations(key):
-        state = optimizer.begin(key, LOWER, UPPER)
-        for _ in range(3):
-            positions, state = optimizer.ask(state)
-            state = optimizer.tell(state, positions, jnp.sum(positions**2, axis=1))
-        return state.best_loss, positions
-
-    together = jax.jit(jax.vmap(generations))(keys)
-    alone = [jax.jit(generations)(key) for key in keys]
-    for each, other in zip(together, zip(*alone, strict=True), strict=True):
-        np.testing.assert_allclose(each, jnp.stack(other), rtol=1e-6)
-
-
 def test_a_tenth_step_of_optimistix_is_the_tenth_generation(whole):
     options = {"key": jr.split(KEY, 4)[0], "lower": -4.0, "upper": 3.0, "use_y0": False}
     solution = optx.minimise(

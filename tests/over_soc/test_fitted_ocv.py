@@ -372,25 +372,6 @@ def test_a_record_that_is_not_suitable_cannot_speak_against_its_ocv_test(tmp_pat
 
 
 @pytest.mark.slow
-def test_a_record_alone_is_identified_validated_and_stored():
-    options = {**SMALL, "validate": BUNDLED.validation, "resistances_follow": "none"}
-    result = barnax.identify(BUNDLED.record, **options)
-    assert result.metrics.identification.rmse_v < 6.5e-3
-    assert result.metrics.validation[0].rmse_v < 5.5e-3
-    again = barnax.Result.model_validate_json(result.to_json())
-    assert again.cell.ocv_is_fitted
-    # The OCV is an answer too, with its intervals at nodes closer than those of the resistances.
-    frame = again.to_frame().drop_nulls("OCV low [V]")
-    nodes = [node for node in again.fit.of_table(OCV) if node.low is not None]
-    assert frame["SOC"].to_list() == [node.soc for node in nodes]
-    assert len(nodes) > len(again.fit.tables.nodes)
-    assert frame["OCV [V]"].to_list() == pytest.approx(
-        again.cell.average_ocv_v(frame["SOC"].to_numpy()), abs=1e-9
-    )
-    assert not frame["R0 [Ohm]"].has_nulls()
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(("rise_ohm", "over"), [(0.0, "ocv"), (0.03, "soc")])
 def test_resistances_vary_with_soc_only_where_that_predicts_better(rise_ohm, over):
     record, soc = made(2, noise_v=1e-3)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import barnax
-from barnax.bundled import BUNDLED
 from barnax.cell import characterize
 from barnax.cell.parameters import RATE
 from barnax.model.prepared import prepare_record
@@ -111,19 +110,6 @@ def test_intervals_of_starts_hold_what_straight_lines_between_nodes_leave_out():
         assert known.capacity_low_ah < 2 * capacity_ah / true_ah.mean() < known.capacity_high_ah
 
 
-@pytest.mark.slow
-def test_registered_records_agree_where_those_as_told_do_not(records, registered):
-    kept = identified(records, keep_starts=True, folds=0, nodes=FEW_NODES)
-    assert [each.window.registration for each in kept.inputs] == [None] * 3
-    # What was told is half a percent wrong; the noise is 0.2 mV.
-    assert registered.metrics.identification.rmse_v < 0.5 * kept.metrics.identification.rmse_v
-    again = barnax.Result.model_validate_json(registered.to_json())
-    assert again.inputs == registered.inputs
-    # Of the cell is what was told, and not what one record's counter counts.
-    assert registered.cell_at().capacity_ah == 2.0
-    assert registered.common_window.capacity_ah == 2.0
-
-
 def test_a_record_to_validate_on_is_told_with_its_start_moved_too(registered):
     record, _ = made(7, start=0.98)
     found = registered.validate(record, Window(initial_soc=0.99, capacity_ah=2.0))
@@ -134,18 +120,6 @@ def test_a_record_to_validate_on_is_told_with_its_start_moved_too(registered):
     assert rmse_v < 0.5 * found.metrics.rmse_v
     stays = registered.validate(record, Window(initial_soc=0.99 + moved_soc, capacity_ah=2.0))
     assert abs(stays.registered[0]) < 1e-3
-
-
-@pytest.mark.slow
-def test_bounds_of_what_tables_do_not_have_leave_records_registered():
-    given = {"fix": {"C1 [F]": 1e3}, "ocv": BUNDLED.ocv, "seeds": 0, "trust": "none"}
-    both = [BUNDLED.record, BUNDLED.validation]
-    found = barnax.identify(both, model="so-rc", **given)
-    windows = {each.name: each.window for each in found.of_role("identification")}
-    assert all(window.registration is not None for window in windows.values())
-    again = barnax.identify(both, model="so-rc", window=windows, **given)
-    # What was registered is no more told than before.
-    assert {each.name: each.window for each in again.of_role("identification")} == windows
 
 
 @pytest.mark.parametrize("given", [{"bounds": {RATE: (50.0, 100.0)}}, {"fix": {RATE: 100.0}}])

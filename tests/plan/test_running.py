@@ -2,7 +2,6 @@
 
 import hashlib
 import shutil
-import tomllib
 from pathlib import Path
 
 import pytest
@@ -73,22 +72,6 @@ def test_the_command_takes_a_folder_and_stores_how_to_do_it_by_hand(
     assert outcome.status == 0
     written = [(tmp_path / place / "result.json").read_bytes() for place in ("out", "again")]
     assert written[0] == written[1]
-
-
-@pytest.mark.slow
-def test_a_plan_is_taken_back_edited_or_not(folder, by_hand, tmp_path):
-    printed = run_command("identify", folder, "--plan", "--score-to", "1500")
-    assert printed.status == 0
-    tomllib.loads(printed.out)
-    path = folder / "plan.toml"
-    path.write_text(printed.out)
-    assert barnax.identify(path, **SMALL).parameters == by_hand.parameters
-    path.write_text('ocv_fit = "polynomial"\n' + printed.out)
-    outcome = run_command("identify", path, *WORDS[:4], *WORDS[6:], "--out", tmp_path / "out")
-    assert outcome.status == 0
-    stored = Result.from_json(tmp_path / "out" / "result.json")
-    assert stored.parameters != by_hand.parameters
-    path.unlink()
 
 
 def test_the_sampling_that_a_design_shows_is_of_its_own_logger_alone(tmp_path):

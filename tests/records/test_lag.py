@@ -5,7 +5,6 @@ import polars as pl
 import pytest
 from scipy.signal import lfilter
 
-import barnax
 from barnax.bundled import bundled_file
 from barnax.checks import check_file
 from barnax.errors import InputError
@@ -122,25 +121,6 @@ def test_only_of_an_older_voltage_a_share_of_r0_is_missing(lag):
     outcome = check_file(source_from_frame(log(0.1, lag), "late"))
     (apart,) = [each for each in outcome.findings if each.code == "late-voltage.apart"]
     assert apart.values.get("missing_share") == (pytest.approx(lag, abs=0.03) if lag > 0 else None)
-
-
-@pytest.mark.slow
-def test_identify_finds_r0_of_a_lagging_voltage_with_a_proof_and_reopens(tmp_path):
-    path = tmp_path / "drive.csv"
-    log(0.1, 0.45, samples=6000).write_csv(path)
-    given = {"seeds": 0, "capacity": 0.2, "trust": "none"}
-    result = barnax.identify(path, **given)
-    assert "late-voltage.apart" in {each.code for each in result.warnings}
-    assert result.tables is not None
-    nodes = [each for each in result.fit.of_table("R0 [Ohm]") if each.low]
-    assert np.median([each.value for each in nodes]) == pytest.approx(R0, rel=0.03)
-    assert result.fit.proved_gap is not None
-    (tmp_path / "result.json").write_text(result.to_json())
-    loaded = barnax.Result.load(tmp_path)
-    assert loaded.inputs[0].voltage_lag_s == result.inputs[0].voltage_lag_s > 0.04
-    # Every error is computed again on the record as it was read.
-    again = loaded.evaluations.identification[0].metrics.rmse_v
-    assert again == pytest.approx(result.metrics.identification.rmse_v)
 
 
 @pytest.mark.parametrize("every", [3, 10])

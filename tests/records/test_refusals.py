@@ -38,10 +38,6 @@ def csv(table):
     return table.write_csv().encode()
 
 
-def scaled(column, factor):
-    return csv(FRAME.with_columns(pl.col(column) * factor))
-
-
 def one(column, line, value):
     values = FRAME[column].to_list()
     values[line] = value
@@ -110,17 +106,6 @@ def test_every_message_is_the_one_that_was_written_down(tmp_path):
     text = re.sub(r"cut short \(.*\);", "cut short (...);", text)
     assert "--" not in text
     require_golden(Path(__file__).with_name("messages.txt"), text)
-
-
-@pytest.mark.parametrize("rate", [1.0, 2.0, 4.0])
-def test_milliamperes_are_refused_from_one_ampere_on(tmp_path, rate):
-    assert "milliamperes" in refusal(tmp_path, scaled(CURRENT, 1000 * rate))
-
-
-@pytest.mark.parametrize("peak_a", [91.8, 300.0, 450.0])
-def test_a_large_cell_at_full_load_is_no_milliampere_file(tmp_path, peak_a):
-    current_a = read(tmp_path, scaled(CURRENT, peak_a / 2)).current_a
-    assert np.abs(current_a).max() == pytest.approx(peak_a)
 
 
 @pytest.mark.parametrize("given", ["charge-positive", "discharge-positive"])

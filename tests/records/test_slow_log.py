@@ -4,7 +4,6 @@ import numpy as np
 import polars as pl
 import pytest
 
-import barnax
 from barnax.checks import check_file
 from barnax.records import record_from_frame, source_from_frame
 from helpers.records import CURRENT, TIME, VOLTAGE, simulated_cell
@@ -90,20 +89,6 @@ def calm(seed, in_time):
 def test_a_load_that_seldom_changes_between_rows_is_told_from_one_in_time(in_time):
     holds = [record_from_frame(calm(seed, in_time)).hold.value for seed in range(20)]
     assert holds.count("forward" if in_time else "centered") >= 19
-
-
-@pytest.mark.slow
-def test_r0_of_means_with_5_mv_steps_is_right_where_each_flows_half_before_and_half_after():
-    result = barnax.identify(log(3, "means", step_v=0.005), seeds=0, capacity=2.5, trust="none")
-    assert result.tables
-    tables = result.fit
-
-    def median_ohm(name):
-        return np.median([each.value for each in tables.of_table(name) if each.low is not None])
-
-    assert median_ohm("R0 [Ohm]") == pytest.approx(R0, rel=0.01)
-    whole = sum(median_ohm(f"R{number} [Ohm]") for number in range(3))
-    assert whole == pytest.approx(R0 + sum(ohm for ohm, _ in PAIRS), rel=0.05)
 
 
 def test_a_centered_current_has_about_half_of_every_interval_on_either_side():

@@ -519,13 +519,6 @@ def test_no_voltage_is_told_wherever_it_stands(tmp_path, rows, value):
     assert (outside.row, outside.values["samples"]) == (rows.start + 2, rows.stop - rows.start)
 
 
-def test_both_sides_of_a_step_in_the_wrong_order_stay_close(tmp_path):
-    table = pl.concat([FRAME[:60], FRAME[59:]])
-    record = read(tmp_path, changed(table, TIME, [59 - 0.0015], [60]))
-    assert record.samples == 201
-    assert 0 < record.time_s[60] - record.time_s[59] < 1e-3
-
-
 def test_what_a_library_warns_of_is_told_once(tmp_path, monkeypatch, recwarn):
     fastnda = pytest.importorskip("fastnda")
 

@@ -17,7 +17,7 @@ from barnax.reporting.wording import blocks, table
 from barnax.reporting.words import interval, symbol, with_unit, without_unit
 from barnax.results import Result
 from helpers.golden import RESULT
-from helpers.results import make_table_result, with_constant
+from helpers.results import make_table_result, with_constant, with_fit
 
 STORED = Result.from_json(RESULT)
 
@@ -25,12 +25,6 @@ STORED = Result.from_json(RESULT)
 def stored_with(tables: Result) -> Result:
     """The stored result with the tables of one made by hand."""
     return STORED.model_copy(update={"tables": tables.tables, "model": tables.model})
-
-
-def with_fit(result: Result, **changes) -> Result:
-    """The same with something else in its fit."""
-    fits = tuple(replace(fit, **changes) for fit in result.fits)
-    return result.model_copy(update={"tables": replace(result.fits, fits=fits)})
 
 
 def with_ends(result: Result, every: int = 1, **ends: float | None) -> Result:

@@ -8,7 +8,7 @@ import pytest
 
 import barnax
 from barnax.uncertainty import Estimate, Uncertainty
-from helpers.results import make_result, make_table_result, with_constant
+from helpers.results import make_result, make_table_result, with_constant, with_fit
 
 
 def with_intervals(r0_ohm, half_ohm, **given):
@@ -45,29 +45,27 @@ def test_what_differs_is_what_no_interval_of_the_other_reaches(r0_ohm, differing
     assert "no interval" in repr(beside)
 
 
+def moved(result, is_moved, **by):
+    """The result with some intervals changed: their ends, or values, as `by` says of each."""
+
+    def changed(each):
+        return replace(each, **{end: change(getattr(each, end)) for end, change in by.items()})
+
+    own = (changed(each) if is_moved(each) else each for each in result.fit.intervals)
+    return with_fit(result, intervals=tuple(own))
+
+
 def test_tables_are_compared_at_states_of_charge_between_visited_nodes():
-    one, other = make_table_result(), make_table_result()
-    fit = other.tables.fits[0]
-    raised = fit.tables.with_tables({"R0 [Ohm]": fit.tables.ohm[0] + 0.005})
-    intervals = tuple(
-        replace(each, value=each.value + 0.005, low=each.low + 0.005, high=each.high + 0.005)
-        if each.name == "R0 [Ohm]" else each
-        for each in fit.intervals
-    )  # fmt: skip
-    changed = replace(fit, tables=raised, intervals=intervals)
-    other = other.model_copy(update={"tables": replace(other.tables, fits=(changed,))})
-    beside = barnax.show(one, other)
+    one, tables = make_table_result(), make_table_result().fit.tables
+    raised = with_fit(one, tables=tables.with_tables({"R0 [Ohm]": tables.ohm[0] + 0.005}))
+    ends = dict.fromkeys(("value", "low", "high"), lambda ohm: ohm + 0.005)
+    raised = moved(raised, lambda each: each.name == "R0 [Ohm]", **ends)
+    beside = barnax.show(one, raised)
     places = tuple(f"R0 at {soc} % SOC" for soc in (10, 30, 50, 70, 90))
     assert beside.differing == {"2: cycle.csv": places}
     # One node that no sample tells: its value is an accident, and nothing is compared there.
-    (at,) = (each.soc for each in intervals if each.name == "R0 [Ohm]" and each.soc == 0.5)
-    opened = tuple(
-        replace(each, value=3 * each.value, low=None, high=None)
-        if (each.name, each.soc) == ("R0 [Ohm]", at) else each
-        for each in intervals
-    )  # fmt: skip
-    open_fit = replace(changed, intervals=opened)
-    without = other.model_copy(update={"tables": replace(other.tables, fits=(open_fit,))})
+    opened = dict.fromkeys(("low", "high"), lambda _: None) | {"value": lambda ohm: 3 * ohm}
+    without = moved(raised, lambda each: (each.name, each.soc) == ("R0 [Ohm]", 0.5), **opened)
     beside = barnax.show(one, without)
     assert "R0 at 50 % SOC" not in beside.differing["2: cycle.csv"]
     assert "not determined" in repr(beside)
@@ -76,7 +74,7 @@ def test_tables_are_compared_at_states_of_charge_between_visited_nodes():
 
 
 def test_an_interval_that_would_hide_a_doubling_is_too_wide_to_tell():
-    results = with_intervals(0.05, 0.002), with_intervals(0.07, 0.03)
+    results = with_intervals(0.05, 0.002), with_intervals(0.07, 0.025)
     beside = barnax.show(*results, names=("fresh", "aged"))
     assert beside.differing == {"aged": ()}
     assert beside.too_wide == {"aged": ("R0",)}
@@ -86,62 +84,53 @@ def test_an_interval_that_would_hide_a_doubling_is_too_wide_to_tell():
     assert "+40 %, too wide to tell" in repr(beside)
 
 
+def visiting(result, is_visited, **changes):
+    """The result whose samples are near some nodes only."""
+    tables = result.fit.tables
+    visited = tuple(is_visited(node) for node in tables.nodes)
+    return with_fit(result, tables=replace(tables, visited=visited), **changes)
+
+
 def test_means_are_compared_over_the_soc_that_all_results_visit():
-    one, alike, other = (make_table_result() for _ in range(3))
-    (fit,) = other.tables.fits
-    tables = replace(fit.tables, visited=tuple(node >= 0.5 for node in fit.tables.nodes))
-    fine = np.linspace(0.5, 1, 100_001)
+    one, alike = make_table_result(), make_table_result()
+    fit, fine = one.fit, np.linspace(0.5, 1, 100_001)
     name, *_ = names = [mean.name for mean in fit.means]
     of_top_ohm = {name: float(np.mean(fit.tables.at(name, fine))) for name in names}
     means = tuple(
         replace(mean, value=of_top_ohm[mean.name], low=0.9 * mean.value, high=1.1 * mean.value)
         for mean in fit.means
     )
-    of_top = replace(fit, tables=tables, means=means)
-    top = other.model_copy(update={"tables": replace(other.tables, fits=(of_top,))})
+    top = visiting(one, lambda node: node >= 0.5, means=means)
     beside = barnax.show(one, alike, top, names=("one", "alike", "top"))
     assert not any(title.startswith("mean") for title in beside.differing["top"])
     text = " ".join(repr(beside).split())
     rows = [line.split() for line in repr(beside).split("\n") if line.split()[:2] == ["mean", "R0"]]
     assert [row[2] for row in rows] == ["50-100"]
-    assert f"{1e3 * of_top_ohm[name]:.3g} mOhm" in text
     # Over its whole range the mean of the first is another, and would differ by that.
-    (whole,) = (mean for mean in fit.means if mean.name == name)
-    assert f"{1e3 * whole.value:.3g}" != f"{1e3 * of_top_ohm[name]:.3g}"
+    assert f"{1e3 * of_top_ohm[name]:.3g} mOhm" in text
+    assert f"{1e3 * fit.means[0].value:.3g}" != f"{1e3 * of_top_ohm[name]:.3g}"
     assert "The means are over 50-100 % SOC, which all results visit." in text
     assert "all results visit" not in repr(barnax.show(one, alike))
+    bottom = visiting(one, lambda node: node < 0.5)
+    apart = " ".join(repr(barnax.show(top, bottom, names=("top", "bottom"))).split())
+    assert "and are not compared" in apart
 
 
 def test_a_mean_over_most_of_its_soc_has_an_interval_about_as_narrow():
-    one, other = make_table_result(), make_table_result()
-    (fit,) = other.tables.fits
+    one = make_table_result()
     # The means are known to 1 %, each node by itself to 20 % only.
-    means = tuple(replace(one, low=0.99 * one.value, high=1.01 * one.value) for one in fit.means)
+    means = tuple(
+        replace(mean, low=0.99 * mean.value, high=1.01 * mean.value) for mean in one.fit.means
+    )
     nodes = tuple(
-        replace(each, low=0.8 * each.value, high=1.2 * each.value)
-        if each.soc is not None else each
-        for each in fit.intervals
-    )  # fmt: skip
-    fit = replace(fit, means=means, intervals=nodes)
-    one = one.model_copy(update={"tables": replace(one.tables, fits=(fit,))})
-    first = min(node for node in fit.tables.nodes if node > 0.1)
-    visited = tuple(node >= first for node in fit.tables.nodes)
-    narrower = replace(fit, tables=replace(fit.tables, visited=visited))
-    other = other.model_copy(update={"tables": replace(other.tables, fits=(narrower,))})
+        each if each.soc is None else replace(each, low=0.8 * each.value, high=1.2 * each.value)
+        for each in one.fit.intervals
+    )
+    one = with_fit(one, means=means, intervals=nodes)
+    first = min(node for node in one.fit.tables.nodes if node > 0.1)
+    other = visiting(one, lambda node: node >= first)
     (row,) = (line for line in repr(barnax.show(one, other)).split("\n") if "mean R0" in line)
     shown = re.search(r"([\d.]+) mOhm \(([\d.]+) to ([\d.]+)\)", row)
     value, low, high = map(float, shown.groups())
     assert 0.95 * value < low < 0.985 * value
     assert 1.015 * value < high < 1.05 * value
-
-
-def test_means_without_soc_in_common_are_not_compared():
-    results = []
-    for is_top in (True, False):
-        made = make_table_result()
-        (fit,) = made.tables.fits
-        visited = tuple((node >= 0.5) == is_top for node in fit.tables.nodes)
-        fit = replace(fit, tables=replace(fit.tables, visited=visited))
-        results.append(made.model_copy(update={"tables": replace(made.tables, fits=(fit,))}))
-    text = " ".join(repr(barnax.show(*results, names=("top", "bottom"))).split())
-    assert "and are not compared" in text

@@ -163,9 +163,6 @@ LIVE = replace(PICTURE, live=lambda: (DATA, "a moving one"))
 LARGEST_REPORT = 6_000_000
 
 
-MAX_PAGES = 8
-
-
 @pytest.fixture(scope="module")
 def page():
     return to_html(Page("t", "s", (Section("one", (LIVE,)),)))
@@ -218,11 +215,3 @@ def test_in_a_browser_every_interactive_figure_is_drawn_and_the_console_is_empty
     assert all(set(each.split()) == {"has-live", "scripted", "live"} for each in figures)
     assert page.count("<canvas") == 3 + 3
     assert report.stat().st_size < LARGEST_REPORT
-
-
-@pytest.mark.slow
-def test_it_prints_on_eight_pages(report):
-    printed = report.with_suffix(".pdf")
-    browse("--virtual-time-budget=5000", f"--print-to-pdf={printed}", report.as_uri())
-    pages = len(re.findall(rb"/Type\s*/Page\b", printed.read_bytes()))
-    assert 1 < pages <= MAX_PAGES

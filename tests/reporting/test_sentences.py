@@ -14,7 +14,7 @@ from barnax.search.answers import Optimum
 from barnax.uncertainty import Band, Diagnostics, Estimate, Undetermined
 from barnax.uncertainty.covariance import NoiseParts, Uncertainty
 from helpers.golden import require_golden
-from helpers.results import make_table_result
+from helpers.results import make_table_result, with_fit
 
 GOLDEN = Path(__file__).parent / "sentences.txt"
 CIRCUIT = CircuitParameters.constant(0.05, (0.02, 0.03), (4.1 / 0.02, 150 / 0.03))
@@ -124,8 +124,7 @@ def test_every_sentence_is_as_in_the_golden_file():
 def test_the_next_step_follows_from_what_was_held_out():
     result = make_table_result()
     held = SimpleNamespace(by_record=(), whole=SocErrors(0.0091, None))
-    fit = replace(result.fit, cross_validation=held)
-    found = result.model_copy(update={"tables": replace(result.tables, fits=(fit,))})
+    found = with_fit(result, cross_validation=held)
     assert next_step(found).advice.startswith("validate on another record")
     told = Notice("ocv-test.disagrees", {"median_v": 0.08, "largest_v": -0.7, "soc": 0.35})
     ocv = "see what the records tell without the OCV test"
@@ -139,8 +138,7 @@ def test_the_next_step_follows_from_what_was_held_out():
         step = next_step(found.model_copy(update={"warnings": warnings}))
         assert step.advice.startswith(advised)
     missed = SimpleNamespace(by_record=(), whole=SocErrors(0.0245, None))
-    lost = replace(fit, cross_validation=missed)
-    lost = found.model_copy(update={"tables": replace(found.tables, fits=(lost,))})
+    lost = with_fit(result, cross_validation=missed)
     assert "the error on blocks held out is 24.50 mV, on what was fitted 4.90 mV" in (
         next_step(lost).advice
     )

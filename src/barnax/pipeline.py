@@ -12,8 +12,8 @@ import numpy as np
 
 from .cell import CellModel
 from .checks.against_cell import compare_resistances
+from .checks.check_input import MAX_HALF_WIDTH
 from .checks.roles import are_unfit
-from .checks.traits import MAX_HALF_WIDTH
 from .execution import unwatched
 from .global_optimum.search import with_better_directions, without_sweep_drop
 from .identification import search_and_assess

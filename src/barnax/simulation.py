@@ -8,8 +8,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from .cell.curves import SegmentedHysteresis
 from .cell.dependence import BETA
-from .cell.hysteresis import SegmentedHysteresis
 from .cell.model import SAME_DEGC
 from .cell.parameters import HALF_HYSTERESIS
 from .errors import InputError

@@ -8,8 +8,7 @@ from numpy.polynomial import Polynomial
 from scipy.interpolate import PchipInterpolator
 
 from barnax.cell import SegmentedHysteresis
-from barnax.cell.curves import InterpolatedCurve, PolynomialCurve, curve_warnings, fit_curve
-from barnax.cell.hysteresis import KNOTS
+from barnax.cell.curves import KNOTS, InterpolatedCurve, PolynomialCurve, curve_warnings, fit_curve
 from barnax.errors import InputError
 
 SOC = np.linspace(0.0, 1.0, 12)

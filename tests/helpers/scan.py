@@ -18,6 +18,8 @@ def rc_parameters(parameters: CircuitParameters) -> RCParameters:
     return RCParameters(r0, r, tau_s, gamma, elements)
 
 
-def terminal_voltage(rc: RCParameters, inputs: SimulationInput) -> Float[Array, "samples"]:
+def terminal_voltage(
+    rc: RCParameters, inputs: SimulationInput, source_v: Float[Array, "samples"]
+) -> Float[Array, "samples"]:
     """Simulated terminal voltage at every sample, in V (Li et al., 2023, Eq. 1 and 5)."""
-    return inputs.source_v - overpotential(rc, inputs)
+    return source_v - overpotential(rc, inputs)

@@ -23,6 +23,11 @@ CURRENT_A[200:240] = np.random.default_rng(8).normal(1e-3, 2e-3, 40)
 simulate = in_float64(eqx.filter_jit(terminal_voltage))
 
 
+def simulated(prepared, circuit):
+    inputs = prepared.simulation_input(0.5, 1e4)
+    return simulate(rc_parameters(circuit), inputs, prepared.source_v)
+
+
 def plett_state(prepared, capacity_ah, gamma) -> np.ndarray:
     """h at every sample, by Plett (2004): charge moves it toward the sign of the current.
 
@@ -77,7 +82,7 @@ def expected_v(prepared, cell, circuit):
 def test_the_voltage_agrees_with_a_plain_loop(bundled_cell, prepared, gamma):
     circuit = CircuitParameters.constant(CIRCUIT.r0, CIRCUIT.r, CIRCUIT.c, gamma)
     with jax.enable_x64(True):
-        simulated_v = simulate(rc_parameters(circuit), prepared.simulation_input(0.5, 1e4))
+        simulated_v = simulated(prepared, circuit)
     expected = expected_v(prepared, bundled_cell, circuit)
     np.testing.assert_allclose(simulated_v, expected, rtol=1e-12)
 
@@ -91,7 +96,7 @@ def test_ten_hours_of_noise_at_rest_turn_nothing(bundled_cell):
     assert np.abs(current_a[60:]).max() < prepared.rest_current_a
     circuit = CircuitParameters.constant(1e-9, (1e-9, 1e-9), (1e9, 1e9), gamma=54.0)
     with jax.enable_x64(True):
-        moved_v = np.asarray(simulate(rc_parameters(circuit), prepared.simulation_input(0.5, 1e4)))
+        moved_v = np.asarray(simulated(prepared, circuit))
     state = (moved_v - bundled_cell.average_ocv_v(prepared.soc)) / (
         bundled_cell.hysteresis_v(prepared.soc) / 2
     )

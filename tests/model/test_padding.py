@@ -2,6 +2,7 @@
 
 import functools
 from contextlib import contextmanager
+from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -14,6 +15,7 @@ import barnax.search.seeds
 from barnax.cell import CircuitParameters
 from barnax.execution import in_float64
 from barnax.model.problem import FACTOR_STEP, make_problem, rmse_by_scan
+from barnax.model.simulate import SimulationInput
 from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
 from barnax.search.evaluate import evaluate
@@ -22,6 +24,7 @@ from barnax.uncertainty.covariance import linearize
 from helpers.compiling import USERS_KERNELS
 from helpers.problems import drive_a
 from helpers.reference import make_record
+from helpers.scan import rc_parameters
 
 # One that compiles quickly.
 OPTIMIZER = make_optimizer("pso", 8, 20)
@@ -126,3 +129,19 @@ def test_a_compressed_record_of_a_common_size_has_the_same_errors(bundled_cell):
         errors_v = common.errors(circuit)
         np.testing.assert_allclose(errors_v[: len(expected_v)], expected_v, rtol=1e-12, atol=1e-15)
         assert not np.any(errors_v[len(expected_v) :])
+
+
+@pytest.mark.parametrize("is_whole", [True, False])
+@in_float64
+def test_a_record_of_more_samples_has_the_same_errors_bit_for_bit(bundled_cell, is_whole):
+    prepared = problem_of(bundled_cell, "esc", [uneven(261, 2)]).prepared
+    scored = np.full(261, True) if is_whole else np.arange(261) % 3 > 0
+    prepared = replace(prepared, scored=scored)
+    circuit = rc_parameters(CircuitParameters.constant(0.05, (0.01, 0.02), (500.0, 4000.0), 100.0))
+    plain, longer = (prepared.simulation_input(0.5, 1e4, size) for size in (None, 302))
+    assert longer.weight is not None
+    np.testing.assert_array_equal(longer.weight, np.append(scored, np.zeros(41)))
+    errors, squares = eqx.filter_jit(SimulationInput.errors), SimulationInput.squared_error
+    expected_v = np.append(errors(plain, circuit), np.zeros(41))
+    np.testing.assert_array_equal(errors(longer, circuit), expected_v)
+    assert eqx.filter_jit(squares)(longer, circuit) == eqx.filter_jit(squares)(plain, circuit)

@@ -55,7 +55,7 @@ def test_a_problem_is_in_double_precision_and_leaves_the_setting(bundled_record,
     # Other packages that were loaded before, PyBaMM is one, may have turned it on for good.
     with jax.enable_x64(False):
         problem = make_problem(bundled_record, bundled_cell, window=Window(score_to_s=60.0))
-        assert problem.objective.evaluator.source_v.dtype == jnp.float64
+        assert problem.objective.evaluator.base_error_v.dtype == jnp.float64
         assert problem.objective.coordinates.lower.dtype == jnp.float64
         assert not jax.config.jax_enable_x64
 

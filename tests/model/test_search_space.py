@@ -192,7 +192,7 @@ def test_a_circuit_outside_the_box_is_encoded_at_its_nearest_end(scale):
 
 
 def test_an_unknown_scale_is_refused_with_the_known_ones():
-    with pytest.raises(InputError, match="'decibel' are not known; there are rc, log"):
+    with pytest.raises(InputError, match="`coordinates` 'decibel' is not known; there are rc, log"):
         Coordinates.of(DEFAULT, "decibel")
 
 

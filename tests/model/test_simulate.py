@@ -74,7 +74,6 @@ def drive_of(
     return SimulationInput(
         current_a=jnp.asarray(current_a),
         held_a=jnp.asarray(np.append(held_a, 0.0)),
-        source_v=jnp.asarray(SOURCE_V[:samples]),
         base_error_v=jnp.asarray((MEASURED_V - SOURCE_V)[:samples]),
         weight=jnp.asarray(WEIGHT[:samples]),
         scored=jnp.asarray(WEIGHT[:samples].sum()),
@@ -90,7 +89,7 @@ def rc_parameters(circuit) -> RCParameters:
 @pytest.mark.parametrize("clock", CLOCKS)
 def test_any_clock_agrees_with_a_plain_loop(clock, hold):
     time_s = CLOCKS[clock]
-    simulated_v = terminal_voltage_jit(rc_parameters(CIRCUIT), drive_of(time_s, hold))
+    simulated_v = terminal_voltage_jit(rc_parameters(CIRCUIT), drive_of(time_s, hold), SOURCE_V)
     expected_v = SOURCE_V - drop_v(looped_response, time_s, CURRENT_A, CIRCUIT, hold)
     np.testing.assert_allclose(simulated_v, expected_v, rtol=1e-12)
 
@@ -204,24 +203,8 @@ MOVED = eqx.tree_at(
 
 def test_errors_are_measured_minus_simulated_where_samples_count():
     inputs, rc = moved_drive(), jax.tree.map(jnp.asarray, MOVED)
-    expected_v = MEASURED_V - np.asarray(terminal_voltage_jit(rc, inputs))
+    expected_v = MEASURED_V - np.asarray(terminal_voltage_jit(rc, inputs, SOURCE_V))
     np.testing.assert_allclose(errors_jit(unweighted(inputs), rc), expected_v, atol=1e-14)
     found_v = errors_jit(inputs, rc)
     np.testing.assert_allclose(found_v, np.where(WEIGHT > 0, expected_v, 0), atol=1e-14)
     np.testing.assert_allclose(squared_error_jit(rc, inputs), np.sum(found_v**2), rtol=1e-12)
-
-
-@pytest.mark.parametrize("is_weighted", [True, False])
-def test_a_record_padded_is_longer_and_has_the_same_bits(is_weighted):
-    rc = jax.tree.map(jnp.asarray, MOVED)
-    inputs = moved_drive() if is_weighted else unweighted(moved_drive())
-    longer = inputs.padded_to(SAMPLES + 41)
-    assert longer.weight is not None
-    assert not longer.weight[SAMPLES:].any()
-    np.testing.assert_array_equal(longer.source_v[SAMPLES:], longer.source_v[SAMPLES - 1])
-    np.testing.assert_array_equal(
-        terminal_voltage_jit(rc, longer)[:SAMPLES], terminal_voltage_jit(rc, inputs)
-    )
-    assert squared_error_jit(rc, longer) == squared_error_jit(rc, inputs)
-    filled_v, plain_v = errors_jit(longer, rc), errors_jit(inputs, rc)
-    np.testing.assert_array_equal(filled_v, np.append(plain_v, np.zeros(41)))

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from barnax.model.prepared import prepare_record
-from barnax.model.steps import steps_of
 from barnax.model.window import Window
 from helpers.known_cell import cell_with_ocv, ocv_v
 from helpers.reference import filtered_response, make_record
@@ -30,7 +29,7 @@ def titrated(noise_v=0.0, seed=0, rest_s=2400):
 
 def test_steps_show_r0_and_what_pairs_answer_in_a_second():
     prepared = titrated()
-    before, after = steps_of(prepared)
+    before, after = prepared.steps
     assert len(before) == 31
     assert set(after - before) == {2}
     step_a = prepared.current_a[after] - prepared.current_a[before]
@@ -46,6 +45,6 @@ def test_an_answer_is_read_a_second_later_where_samples_are_dense_after_steps():
     current_a = np.where(time_s // 60 % 2, 0.5, 0.0)
     record = make_record(time_s, current_a, 3.7 - 0.1 * current_a)
     window = Window(initial_soc=0.9, capacity_ah=2.0)
-    before, after = steps_of(prepare_record(record, cell_with_ocv(half_gap_v=0.0), "so-rc", window))
+    before, after = prepare_record(record, cell_with_ocv(half_gap_v=0.0), "so-rc", window).steps
     assert len(before) > 90
     np.testing.assert_allclose(time_s[after] - time_s[before + 1], 1.0, atol=0.02)

@@ -18,7 +18,7 @@ from barnax.model.window import Window
 from barnax.over_soc.fit import pooled_errors
 from barnax.over_soc.settings import TableSettings
 from barnax.records import read_record
-from barnax.records.record import in_means
+from barnax.records.log import in_means
 from barnax.settings import NODES
 from helpers.known_cell import FEW_NODES, R0_OHM, R_OHM, SMALL, TAU_S, cell_with_ocv, made, ocv_v
 from helpers.own_ocv import fit_with_ocv

@@ -18,7 +18,6 @@ from barnax.over_soc.fit import fit_tables
 from barnax.over_soc.intervals import linearized
 from barnax.over_soc.problem import box_of, find_best, polish, reduced_objective
 from barnax.over_soc.settings import TableSettings
-from barnax.records.samples import record_resistance_ohm
 
 from .conftest import BOX, NODES, SMALL
 
@@ -102,7 +101,7 @@ def test_r0_has_a_floor_by_the_current_steps_where_samples_would_have_none(prepa
     inverted = replace(prepared, source_v=source_v)
     settings = replace(SMALL, bounds={}, fixed=fixed)
     fit = fit_tables([inverted], settings)
-    floor_ohm = record_resistance_ohm(prepared.record) / 3
+    floor_ohm = prepared.record.resistance_ohm / 3
     (told,) = [each for each in fit.warnings if each.code == "tables.r0-at-floor"]
     table, seen = dict(zip(NODES, fit.tables.ohm[0], strict=True)), fit.tables.visited
     assert min(table.values()) == floor_ohm

@@ -53,7 +53,7 @@ def test_level_tables_are_the_constant_circuit(name, request):
     )
     inputs = prepared.simulation_input(min(circuit.tau_s), gamma)
     by_population = in_float64(eqx.filter_jit(terminal_voltage))
-    expected_v = np.asarray(by_population(rc_parameters(circuit), inputs))
+    expected_v = np.asarray(by_population(rc_parameters(circuit), inputs, prepared.source_v))
     assert simulate_circuit(prepared, circuit) == pytest.approx(expected_v, abs=1e-12)
     assert simulate_circuit(prepared, tables) == pytest.approx(expected_v, abs=1e-12)
     one = CircuitParameters.over_soc(

@@ -120,7 +120,7 @@ def test_a_sign_given_against_strong_evidence_is_refused(tmp_path, given):
 @pytest.mark.parametrize("option", ["current_sign", "current_hold"])
 def test_an_unknown_option_value_is_refused_with_the_allowed_ones(tmp_path, option):
     message = refusal(tmp_path, csv(FRAME), **{option: "sideways"})
-    assert message.startswith(f"`{option}` is 'sideways'; it must be one of auto")
+    assert message.startswith(f"`{option}` 'sideways' is not known; there are auto")
 
 
 def test_what_is_no_file_is_refused(tmp_path):

@@ -7,7 +7,7 @@ import pytest
 from barnax import InputError
 from barnax.checks import check_file
 from barnax.records import record_from_frame, source_from_frame
-from barnax.records.record import in_means
+from barnax.records.log import in_means
 from helpers.problems import drive_a
 from helpers.records import simulated_cell
 

@@ -9,7 +9,7 @@ from scipy.stats import qmc
 
 from ..cell import CircuitParameters
 from ..cell.elements import alike
-from ..execution import in_float64
+from ..model.coordinates import Coordinates
 from ..model.problem import Problem
 from ..schema import Count, Loss
 
@@ -98,18 +98,9 @@ def generator_of(key: int, seed: int) -> np.random.Generator:
 
 
 def latin_hypercube(
-    generator: np.random.Generator, points: int, dims: int
-) -> Float[np.ndarray, "points dims"]:
-    """Points in the unit cube, one in each of `points` slices of every dimension."""
-    return qmc.LatinHypercube(dims, rng=generator).random(points)
-
-
-@in_float64
-def random_circuits(
-    problem: Problem, generator: np.random.Generator, count: int
-) -> list[CircuitParameters]:
-    """Circuits spread evenly over the logarithms of the search box."""
-    box = problem.log_coordinates
+    generator: np.random.Generator, points: int, box: Coordinates
+) -> Float[np.ndarray, "points free"]:
+    """Points in a box, one in each of `points` slices of every coordinate."""
+    fractions = qmc.LatinHypercube(len(box.names), rng=generator).random(points)
     low, high = np.asarray(box.lower), np.asarray(box.upper)
-    fractions = latin_hypercube(generator, count, len(low))
-    return problem.parameters_at(list(low + fractions * (high - low)), box)
+    return low + fractions * (high - low)

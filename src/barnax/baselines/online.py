@@ -4,7 +4,6 @@ from functools import partial
 
 import jax
 import numpy as np
-from jaxtyping import Float
 
 from ..cell import CircuitParameters
 from ..execution import in_float64
@@ -58,13 +57,6 @@ def least_squares_and_filter(problem: Problem) -> Answer:
     """
     samples, columns, _ = regression.regression(problem)
     scale = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), np.finfo(float).tiny)
-    return averaged(problem, _track_with_filter(problem, samples, scale), samples.notes)
-
-
-def _track_with_filter(
-    problem: Problem, samples: regression.EvenSamples, scale: Float[np.ndarray, "coefficients"]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """R0, R and tau after every row."""
     prepared, (middle, _) = problem.prepared, middle_of(problem)
     model = make_model(problem.cell, prepared.circuit, middle, ErrorModel(FIRST_ERROR_V))
     ocv_v, half_v = np.asarray(model.table[:, 0]), np.asarray(model.table[:, 1])
@@ -108,7 +100,8 @@ def _track_with_filter(
         if all(np.all(np.isfinite(values) & (values > 0)) for values in rows[-1]):
             r0, r, tau_s = rows[-1]
     r0s, rs, taus_s = zip(*rows, strict=True)
-    return np.array(r0s), np.array(rs), np.array(taus_s)
+    tracked_values = np.array(r0s), np.array(rs), np.array(taus_s)
+    return averaged(problem, tracked_values, samples.notes)
 
 
 def drive_time(drive: Drive, index: int) -> str:

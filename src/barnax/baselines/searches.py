@@ -25,7 +25,6 @@ from .method import (
     deterministic,
     generator_of,
     latin_hypercube,
-    random_circuits,
 )
 
 # Starts a seed, fewer where the budget does not hold as many.
@@ -61,6 +60,7 @@ def _search(
     return [Answer(seed.parameters, seed.rmse_v, seed.evaluations) for seed in search.seeds]
 
 
+@in_float64
 def multistart(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:
     """The best of `STARTS` descents a seed (Marquardt, J. Soc. Ind. Appl. Math. 11 (1963) 431).
 
@@ -69,11 +69,10 @@ def multistart(problem: Problem, budget: Budget, progress: Progress) -> list[Ans
     spent are fewer.
     """
     starts = max(1, min(STARTS, budget.evaluations // _dearest(problem)))
-    circuits = [
-        circuit
-        for seed in range(budget.seeds)
-        for circuit in random_circuits(problem, generator_of(budget.key, seed), starts)
-    ]
+    box = problem.log_coordinates
+    generators = (generator_of(budget.key, seed) for seed in range(budget.seeds))
+    points = [point for drawn in generators for point in latin_hypercube(drawn, starts, box)]
+    circuits = problem.parameters_at(points, box)
     finished = 0
 
     def advance(gained: int) -> None:
@@ -165,8 +164,8 @@ def evolve(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]
             rmse_v = np.asarray(compiled(jnp.asarray(points.T), problem.objective))
             return np.where(np.isfinite(rmse_v), rmse_v, np.inf)
 
-        fractions = latin_hypercube(generator, budget.population, len(low))
-        start: Any = low + fractions * (high - low)  # SciPy's types know of names only
+        # SciPy's types know of names only.
+        start: Any = latin_hypercube(generator, budget.population, box)
         end = differential_evolution(
             errors,
             list(zip(low, high, strict=True)),

@@ -12,11 +12,9 @@ from ..errors import InputError
 from ..notices import Notice
 from ..records import Record
 from ..settings import HysteresisFit, OcvFit
-from .curves import Curve, InterpolatedCurve, curve_warnings, fit_curve
-from .hysteresis import SegmentedHysteresis
+from .curves import Curve, InterpolatedCurve, SegmentedHysteresis, curve_warnings, fit_curve
 from .model import REFERENCE_DEGC, CellModel, fit_error
-from .ocv_points import find_sweeps
-from .ocv_table import EITHER, OcvTable
+from .ocv_points import EITHER, OcvTable, find_sweeps
 from .soc_axis import (
     CHARGE,
     DISCHARGE,

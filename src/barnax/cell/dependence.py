@@ -7,12 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import solve_banded
 
 from ..display import Brief
+from ..records.lag import lagged
+from ..records.quantities import KELVIN
 from ..settings import CELL_DEGC
-
-ZERO_DEGC_K = 273.15
 
 BETA, KAPPA, HEATING, ONSET = "beta [1/K]", "kappa [1/A2]", "heating tau [s]", "i0 [A]"
 CHARGE = "charge ratio"
@@ -145,7 +144,7 @@ USUAL_HEATING_S = 1800.0
 
 def arrhenius_beta(degc: float) -> float:
     """beta in 1/K of resistances with a usual activation energy, around a temperature."""
-    return USUAL_ACTIVATION_J_PER_MOL / (GAS_J_PER_MOL_K * (ZERO_DEGC_K + degc) ** 2)
+    return USUAL_ACTIVATION_J_PER_MOL / (GAS_J_PER_MOL_K * (degc - KELVIN.offset) ** 2)
 
 
 def filled(time_s: Samples, degc: Samples) -> Samples | None:
@@ -161,8 +160,4 @@ def filled(time_s: Samples, degc: Samples) -> Samples | None:
 
 def heat_of(time_s: Samples, between_a: Intervals, tau_s: float) -> Samples:
     """The low-passed square of the current that flows between samples, in A^2."""
-    kept = np.exp(-np.diff(time_s) / tau_s)
-    # Each state less what is kept of the one before is what the interval adds.
-    added_a2 = np.append(0.0, (1 - kept) * between_a**2)
-    bands = [np.ones(len(time_s)), np.append(-kept, 0.0)]
-    return np.asarray(solve_banded((1, 0), bands, added_a2))
+    return lagged(np.append(between_a**2, 0.0), tau_s, np.diff(time_s))

@@ -10,8 +10,7 @@ from jaxtyping import Float
 from ..display import Brief
 from ..errors import InputError
 from ..schema import NoticeField
-from .curves import Curve, InterpolatedCurve, PolynomialCurve
-from .hysteresis import SegmentedHysteresis
+from .curves import Curve, InterpolatedCurve, PolynomialCurve, SegmentedHysteresis
 from .soc_axis import GIVEN, OcvPoint
 
 INVERSION_POINTS = 4001

@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Float
 
 from ..errors import InputError
-from .dependence import ZERO_DEGC_K, between
+from ..records.quantities import KELVIN
+from .dependence import between
 from .parameters import CircuitParameters, Rows, Table
 
 # Below this a resistance is at its bound of zero, which has no logarithm.
@@ -73,8 +74,8 @@ class TemperatureTables:
             return self.tables[above]
         cold, warm = self.tables[above - 1], self.tables[above]
         ends = np.array([measured_degc[above - 1], measured_degc[above]])
-        inverse_k = 1 / (ZERO_DEGC_K + ends)
-        here = (1 / (ZERO_DEGC_K + temperature_degc) - inverse_k[0]) / np.diff(inverse_k)[0]
+        inverse_k = 1 / (ends - KELVIN.offset)
+        here = (1 / (temperature_degc - KELVIN.offset) - inverse_k[0]) / np.diff(inverse_k)[0]
         along = (temperature_degc - ends[0]) / np.diff(ends)[0]
 
         def mixed(name: str) -> Table:

@@ -10,9 +10,8 @@ from ..cell import CellModel
 from ..cell.soc_axis import BEYOND_SOC
 from ..notices import Notice
 from ..records import Record
+from ..records.quantities import FAHRENHEIT
 from ..records.record import LEAST_REACH, reach_of_steps
-from ..records.samples import record_resistance_ohm
-from .sampling import in_fahrenheit
 
 # A mistake of unit or range multiplies the charge by one of these; a wrong capacity by another.
 _UNITS = {60.0: "minutes", 3600.0: "hours", 1e-3: "milli", 1e3: "small"}
@@ -73,7 +72,6 @@ def follow(record: Record, cell: CellModel, capacity_ah: float) -> Callable[[flo
 def _source(record: Record, capacity_ah: float) -> tuple[Chosen, Chosen, Chosen]:
     """The voltage without R I, the charge taken out as a share of the capacity, and R times the
     mean current of the two minutes before."""
-    resistance_ohm = record_resistance_ohm(record)
     small_a = capacity_ah / _SMALL_HOURS
     at = np.flatnonzero(np.abs(record.current_a) < small_a)
     if len(at) < _SAMPLES:
@@ -83,11 +81,10 @@ def _source(record: Record, capacity_ah: float) -> tuple[Chosen, Chosen, Chosen]
     order = at[np.argsort(passed[at], kind="stable")]
     wanted = np.linspace(passed[order[0]], passed[order[-1]], _SAMPLES)
     chosen = order[np.minimum(np.searchsorted(passed[order], wanted), len(order) - 1)]
-    source_v = record.voltage_v[chosen] + resistance_ohm * record.current_a[chosen]
     time_s, discharged_ah = record.time_s, record.discharged_ah
     earlier_ah = np.interp(time_s[chosen] - _SLOW_S, time_s, discharged_ah)
     slow_a = (discharged_ah[chosen] - earlier_ah) * 3600 / _SLOW_S
-    return source_v, passed[chosen], resistance_ohm * slow_a
+    return record.source_v[chosen], passed[chosen], record.resistance_ohm * slow_a
 
 
 def compare_with_cell(
@@ -141,7 +138,7 @@ def compare_temperatures(
             other_degc, other = min(measured, key=lambda pair, degc=degc: abs(pair[0] - degc))
             if abs(other_degc - degc) > _DEGREES:
                 values = {"temperature_degc": degc, "other": other, "other_degc": other_degc}
-                converted = in_fahrenheit(degc)
+                converted = FAHRENHEIT.to_base(degc)
                 is_wrong = degc > _WARM_DEGC and abs(converted - other_degc) <= _DEGREES
                 values |= {"of": "fahrenheit", "fahrenheit_degc": converted} if is_wrong else {}
                 notices.append(Notice("cell.temperature", {"of": kind, **values}, name))
@@ -153,7 +150,7 @@ def compare_resistances(records: Sequence[tuple[Record, float | None]]) -> list[
     at about the same temperature and logged about as fast. Of two, the first one says it."""
     determined = []
     for record, degc in records:
-        step_ohm, charge_ah = record_resistance_ohm(record), record.discharged_ah
+        step_ohm, charge_ah = record.resistance_ohm, record.discharged_ah
         # The steps of a charge are all at its ends, where the resistance is another.
         reach_ah = reach_of_steps(record.current_a, charge_ah)
         if step_ohm and reach_ah > LEAST_REACH * np.ptp(charge_ah):

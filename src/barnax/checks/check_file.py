@@ -19,9 +19,8 @@ from ..records.sign import decide_sign
 from ..records.source import Source, read_source
 from ..schema import Json, key_of, notice_to_dict
 from . import channels, charge, sampling
-from .check_input import Check, CheckInput
+from .check_input import Check, CheckInput, Traits, traits_of
 from .roles import Role, find_fall, find_roles, roles_of_table
-from .traits import Traits, traits_of
 
 # The registry of checks on a record, in reporting order.
 CHECKS: Mapping[str, Check] = {

@@ -1,17 +1,155 @@
-"""The roles that a record can serve in."""
+"""The roles that a record can serve in, and the window that cuts a whole test to its profile."""
 
+import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
+
+import numpy as np
+from jaxtyping import Int
 
 from ..cell import OcvPoint, OcvTable
 from ..cell.soc_axis import CHARGE, DISCHARGE, WORD, by_direction, decide_capacity
 from ..errors import InputError, counted
 from ..notices import Notice
-from .check_input import CheckInput
-from .suggested_window import SuggestedWindow, suggest_window
-from .traits import Kind, Traits
+from ..records.record import SETTLED_V, is_long
+from ..settings import Window
+from .check_input import CheckInput, Kind, Traits
+
+# Current steps inside a step of the tester that make it a profile.
+_FEWEST_STEPS = 10
+# A record that is profile to this share needs no window.
+_WHOLE = 0.95
+# Intervals up to this many times the usual one under load are sampled alike.
+_ALIKE = 1.5
+
+
+@dataclass(frozen=True)
+class SuggestedWindow:
+    """A window that cuts a whole test to its profile, and why.
+
+    `needs_initial_soc` says that the record does not tell the state of charge at the start, so
+    that the user must; `is_settled` that the cell has rested when the profile begins.
+    """
+
+    reason: str
+    window: Window = field(default_factory=Window)
+    needs_initial_soc: bool = False
+    is_settled: bool = True
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Arguments of `barnax.Window`."""
+        return {name: value for name, value in vars(self.window).items() if value is not None}
+
+    @property
+    def advice(self) -> str:
+        """The options that `identify` takes where not all of a record is to be simulated."""
+        options = [
+            f"`{name.removesuffix('_s')}={','.join(f'{n:.10g}' for n in np.atleast_1d(value))}`"
+            for name, value in self.options.items()
+        ]
+        return f"identify takes {' '.join(options)}" if options else ""
+
+
+def suggest_window(given: CheckInput) -> SuggestedWindow:
+    """The window that starts where the charge is known and scores the profile."""
+    record = given.record
+    whole = _from_the_beginning(given)
+    step = np.zeros(record.samples, int) if record.step is None else record.step
+    # The tester's step numbers inside which the current steps about.
+    is_inside = given.samples.is_step & (np.diff(step) == 0)
+    numbers, times = np.unique(step[1:][is_inside], return_counts=True)
+    numbers = numbers[times >= _FEWEST_STEPS]
+    if record.step is None or not len(numbers):
+        return _after_charge(given) or whole
+    inside = np.flatnonzero(np.isin(step, numbers))
+    first, last = int(inside[0]), int(inside[-1])
+    if last - first + 1 >= _WHOLE * record.samples:
+        return whole
+    # Steps that are met inside the profile only belong to it.
+    outside = np.concatenate([step[:first], step[last + 1 :]])
+    profile_steps = tuple(np.setdiff1d(step[first : last + 1], outside).tolist())
+    at, rest_s = given.segments.rest_before(first)
+    is_settled = is_long(rest_s)
+    rest = f"after {_duration(rest_s)} of rest" + ("" if is_settled else ", too short to settle")
+    if not rest_s:
+        rest = "without a rest before it"
+    several, named = "s" if len(profile_steps) > 1 else "", ", ".join(map(str, profile_steps))
+    profile = f"the profile is step{several} {named}, {rest}"
+    full = _full_step(given, step, first)
+    if full is not None:
+        reason = f"{profile}; the cell is full at the end of step {full}"
+        window = Window(start_after_step=full, initial_soc=1.0, score_steps=profile_steps)
+        return SuggestedWindow(reason, window, is_settled=is_settled)
+    if is_settled:
+        reason = f"{profile} at {record.voltage_v[at]:.4f} V"
+        start_s = _clock_before(given, at)
+        return SuggestedWindow(reason, Window(start_time_s=start_s, score_steps=profile_steps))
+    # Ampere-hours carry the charge from the record's own beginning.
+    reason = f"{profile}; {whole.reason}"
+    interval_s = record.interval_s
+    loaded_s = float(np.median(interval_s[~given.segments.is_rested[1:]]))
+    if np.quantile(interval_s, _WHOLE) <= _ALIKE * loaded_s:
+        # What comes before the profile is simulated anyhow, and tells as much.
+        return replace(whole, reason=f"{reason}; its sampling is uniform")
+    window = replace(whole.window, score_steps=profile_steps)
+    return replace(whole, reason=reason, window=window, is_settled=is_settled)
+
+
+def _after_charge(given: CheckInput) -> SuggestedWindow | None:
+    """From the end of the rest after a long charge, where all current steps come after it."""
+    record, steps = given.record, given.samples.steps
+    for _, last in () if given.ocv.sweeps else given.segments.long_loads(1):
+        before, after = np.sum(steps < last), np.sum(steps > last)
+        if before >= _FEWEST_STEPS or after < _FEWEST_STEPS:
+            return None
+        at, rest_s = given.segments.rest_before(last + 1)
+        if is_long(rest_s):
+            charge = f"the charge that ends in row {record.row[last]}"
+            reason = f"the profile follows {charge}, after {_duration(rest_s)} of rest"
+            return SuggestedWindow(reason, Window(start_time_s=_clock_before(given, at)))
+    return None
+
+
+def _from_the_beginning(given: CheckInput) -> SuggestedWindow:
+    """The window of the whole record, by how it tells its state of charge."""
+    record, loaded = given.record, given.segments.loaded
+    at = int(loaded[0]) - 1 if len(loaded) else record.samples - 1
+    if at < 0:
+        return SuggestedWindow("it starts under load", needs_initial_soc=True, is_settled=False)
+    first_v, last_v = record.voltage_v[0], record.voltage_v[at]
+    if abs(last_v - first_v) <= SETTLED_V:
+        return SuggestedWindow(f"it starts at rest at {first_v:.4f} V")
+    moves = f"the voltage goes from {first_v:.4f} to {last_v:.4f} V in its opening rest"
+    if is_long(record.time_s[at] - record.time_s[0]):
+        return SuggestedWindow(moves, Window(start_time_s=_clock_before(given, at)))
+    return SuggestedWindow(moves, needs_initial_soc=True, is_settled=False)
+
+
+def _clock_before(given: CheckInput, at: int) -> float:
+    """A time of few digits that selects the sample `at` as the first one not before it."""
+    time_s = given.record.time_s
+    short = float(f"{math.floor(time_s[at] * 1e3) / 1e3:.10g}")
+    return short if at == 0 or short > time_s[at - 1] else float(time_s[at])
+
+
+def _full_step(given: CheckInput, step: Int[np.ndarray, "samples"], before: int) -> int | None:
+    """The number of the last step before a sample that ends with the cell full."""
+    number = None
+    for last in given.segments.full_charges(math.inf):
+        # The last block of a step is what `start_after_step` takes.
+        end = int(np.flatnonzero(step == step[last])[-1])
+        if end < before and np.all(step[last:end] == step[last]):
+            number = int(step[last])
+    return number
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 120:
+        return f"{seconds:.3g} s"
+    return f"{seconds / 60:.3g} min" if seconds < 7200 else f"{seconds / 3600:.3g} h"
 
 
 def are_unfit(names: Collection[str], warnings: Iterable[Notice], by_steps: bool = False) -> bool:

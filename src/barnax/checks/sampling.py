@@ -6,10 +6,10 @@ import numpy as np
 
 from ..notices import Notice
 from ..records.lag import LASTING, LATE_SURE, answers_ohm, late_r0_ohm
+from ..records.quantities import FAHRENHEIT, KELVIN
 from ..records.record import equal_runs
 from ..records.silence import gaps_in
-from .check_input import CheckInput
-from .traits import FINE_S
+from .check_input import FINE_S, CheckInput
 
 # More than this share of all intervals is how the tester samples.
 _MANY = 0.1
@@ -217,7 +217,7 @@ def find_rebuilt_clock(given: CheckInput) -> Iterator[Notice]:
 
 
 _COARSE_V, _COARSE_SHARE = 0.9e-3, 5e-3
-_TEMPERATURE_DEGC, ZERO_K = (-60.0, 120.0), 273.15
+_TEMPERATURE_DEGC = (-60.0, 120.0)
 # Cells are used up to 60 degC: what stays above is rather a room's temperature in Fahrenheit.
 _HOT_DEGC, _ROOM_DEGC = 65.0, 50.0
 # A record over more than so many degrees, but for some of its samples, is of no one temperature.
@@ -235,15 +235,6 @@ def find_resolution(given: CheckInput) -> Iterator[Notice]:
     yield Notice("resolution.coarse", {**steps, "load_share": share})
 
 
-def in_fahrenheit(value: float) -> float:
-    """Degrees Fahrenheit in degC.
-
-    >>> in_fahrenheit(77.0)
-    25.0
-    """
-    return (value - 32.0) * 5 / 9
-
-
 def find_temperature(given: CheckInput) -> Iterator[Notice]:
     """Temperatures that no cell has, or of which no one is the record's."""
     temperature = given.record.temperature_degc
@@ -252,9 +243,9 @@ def find_temperature(given: CheckInput) -> Iterator[Notice]:
     low, high = _TEMPERATURE_DEGC
     bottom, top = np.quantile(temperature, _ENDS)
     outside, unit = (temperature < low) | (temperature > high), None
-    if low < temperature.min() - ZERO_K and temperature.max() - ZERO_K < high:
+    if low < KELVIN.to_base(temperature.min()) and KELVIN.to_base(temperature.max()) < high:
         unit = "K"
-    elif not outside.any() and bottom > _HOT_DEGC and in_fahrenheit(float(top)) < _ROOM_DEGC:
+    elif not outside.any() and bottom > _HOT_DEGC and FAHRENHEIT.to_base(top) < _ROOM_DEGC:
         high, outside, unit = _HOT_DEGC, temperature > _HOT_DEGC, "degF"
     if outside.any():
         values = {"temperature_degc": temperature[np.argmax(outside)], "samples": outside.sum()}

@@ -10,7 +10,7 @@ import numpy as np
 from ..baselines import METHODS, Budget, MethodFailure
 from ..baselines.regression import outside_box
 from ..cell import CellModel
-from ..errors import InputError
+from ..errors import InputError, require_choice
 from ..execution import Watch, in_float64, unwatched
 from ..global_optimum.search import (
     optimality_gap,
@@ -86,11 +86,10 @@ def compare(
 
     >>> compare(None, None, [("so-rc", "guess")])
     Traceback (most recent call last):
-    barnax.errors.InputError: no method is called 'guess'; there are ls, rls, wrls, ...
+    barnax.errors.InputError: `method` 'guess' is not known; there are ls, rls, wrls, ...
     """
     for _, method in rows:
-        if method not in METHODS:
-            raise InputError(f"no method is called {method!r}; there are {', '.join(METHODS)}")
+        require_choice("method", method, METHODS)
     budget, window = budget or Budget(), window or Window()
     windows = [window] * len(validation) if validation_windows is None else validation_windows
     models = tuple(dict.fromkeys(model for model, _ in rows))

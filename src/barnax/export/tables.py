@@ -11,8 +11,8 @@ from jaxtyping import Float
 
 from ..cell import CellModel, CircuitParameters, get_circuit
 from ..cell.circuits import Circuit, Hysteresis
+from ..cell.curves import KNOTS, SegmentedHysteresis
 from ..cell.elements import get_element, names_of
-from ..cell.hysteresis import KNOTS, SegmentedHysteresis
 from ..cell.parameters import HALF_HYSTERESIS, OCV, OCV_CORRECTION, OHMIC
 from ..errors import InputError, escaped
 from ..over_soc.settings import TableSettings, circuit_name

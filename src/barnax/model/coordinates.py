@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 
 from ..cell.elements import alike, get_element
 from ..cell.parameters import OHMIC, RATE
-from ..errors import InputError
+from ..errors import InputError, require_choice
 from ..execution import as_input
 from .search_space import SCALES, Bounds, Scale
 from .simulate import RCParameters
@@ -39,8 +39,7 @@ class Coordinates(eqx.Module):
     @classmethod
     def of(cls, bounds: Bounds, scale: Scale) -> "Coordinates":
         """The coordinates of a box. Raises `InputError` where nothing is free."""
-        if scale not in SCALES:
-            raise InputError(f"coordinates {scale!r} are not known; there are {', '.join(SCALES)}")
+        require_choice("coordinates", scale, SCALES)
         is_log = scale == "log"
         slots = [(OHMIC, *bounds.range_of(OHMIC))]
         tau_limits, holds_tau = [], []

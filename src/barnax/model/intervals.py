@@ -1,7 +1,5 @@
 """Sampling intervals, prepared so that a candidate needs few exponentials."""
 
-from dataclasses import replace
-
 import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float, Int, Shaped
@@ -60,18 +58,18 @@ class Intervals(eqx.Module):
             has_offsets=bool(np.max(np.abs(offset_s)) > resolution_s),
         )
 
-    def with_common_nodes(self) -> "Intervals":
-        """The same with nodes in one of few numbers: no sample has one of those that are added."""
-        missing = next_nodes(len(self.node_s)) - len(self.node_s)
-        return replace(self, node_s=as_input(np.pad(self.node_s, (0, missing), "edge")))
-
-    def in_one_form(self, samples: int) -> "Intervals":
-        """The first samples in a form that the blocks of most clocks share, and so one program."""
+    def sized(self, samples: int, in_one_form: bool) -> "Intervals":
+        """So many samples, where there are fewer with the last repeated, and nodes in one of few
+        numbers, of which no sample has those that are added; `in_one_form`, one that the blocks of
+        most clocks share, and so one program."""
         nodes, offset_s = np.asarray(self.node_s), np.asarray(self.offset_s)
-        node_s = sized(nodes, next_nodes(len(nodes)))
-        offset_s = sized(offset_s if self.has_offsets else 0 * offset_s, samples)
-        arrays = node_s, sized(np.asarray(self.node), samples), offset_s
-        return Intervals(*map(as_input, arrays), is_even=False, has_offsets=True)
+        offset_s = 0 * offset_s if in_one_form and not self.has_offsets else offset_s
+        node_s, node = sized(nodes, next_nodes(len(nodes))), sized(np.asarray(self.node), samples)
+        return Intervals(
+            *map(as_input, (node_s, node, sized(offset_s, samples))),
+            is_even=self.is_even and not in_one_form,
+            has_offsets=self.has_offsets or in_one_form,
+        )
 
 
 def sized(values: Shaped[np.ndarray, "some"], size: int) -> Shaped[np.ndarray, "size"]:
@@ -84,3 +82,11 @@ def sized(values: Shaped[np.ndarray, "some"], size: int) -> Shaped[np.ndarray, "
 def next_nodes(count: int) -> int:
     """The next of 16, 64, 256 and so on."""
     return 1 << max(4, -(-(count - 1).bit_length() // 2) * 2)
+
+
+def common_size(samples: int) -> int:
+    """The next of 64, 128 and so on to 65,536, then 98,304, 131,072 and so on: so that a new record
+    seldom compiles anything, one an octave, two where samples cost more than programs."""
+    power = max(6, (samples - 1).bit_length())
+    is_between = power > 16 and samples <= 3 << (power - 2)
+    return 3 << (power - 2) if is_between else 1 << power

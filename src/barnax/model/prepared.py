@@ -3,11 +3,10 @@
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from ..cell import CellModel, Dependence, get_circuit
 from ..cell.dependence import filled
@@ -17,19 +16,22 @@ from ..errors import InputError
 from ..execution import as_input
 from ..notices import Notice
 from ..records import Record
-from ..records.samples import record_resistance_ohm
+from ..records.record import STEP_SHARE, is_long
+from ..records.samples import STEADY_SHARE
 from ..settings import Registration, is_temperature
 from .start import Start, find_start
 from .window import Window, first_sample, scored_samples, temperature_of, within_ocv
 
 if TYPE_CHECKING:
-    from .simulate import HysteresisInput, SimulationInput
+    from .simulate import SimulationInput
 
 FEWEST_SAMPLES = 10
 # This share of a record's samples is enough to tell a time constant of their interval.
 DENSE_QUANTILE = 0.05
-
-
+# On whichever side of its sample a current flows, and however little late the voltage is, all of R0
+# is in the answer to a step after so long (a second, but for a clock's jitter), and two samples at
+# least.
+AFTER_S = 0.99
 # Samples that are held at a time; records of every length share the programs of such a block.
 BLOCK = 4096
 # What a prepared record has of its own at every simulated sample.
@@ -89,12 +91,10 @@ class PreparedRecord(Brief):
         """The same prepared anew in another window, or another record in place of its own, from the
         direction that was found to fit better; nothing is followed. Raises `InputError` as
         `prepare_record` does."""
-        record, start = record or self.record, self.start
-        if start.direction_source != "better fit" or start.other_rmse_v is None:
-            return prepare_record(record, self.cell, self.circuit, window)
-        window = replace(window, initial_direction=start.direction)
-        moved = prepare_record(record, self.cell, self.circuit, window)
-        return moved.fitting_better(start.other_rmse_v)
+        window = replace(self, window=window).settled_window
+        moved = prepare_record(record or self.record, self.cell, self.circuit, window)
+        other_v = self.start.other_rmse_v
+        return moved if other_v is None else moved.fitting_better(other_v)
 
     def registered(
         self,
@@ -150,7 +150,7 @@ class PreparedRecord(Brief):
         end of one are those at the start of the next."""
         for number, part in enumerate(self.parts(samples)):
             first = number * samples
-            inputs = part.simulation_input(shortest_tau_s, highest_gamma, samples)
+            inputs = part.simulation_input(shortest_tau_s, highest_gamma, samples, in_one_form=True)
             yield slice(first, min(first + samples, len(self.soc))), inputs
 
     def simulates_as(self, other: "PreparedRecord") -> bool:
@@ -210,10 +210,42 @@ class PreparedRecord(Brief):
         """The interval of the densest samples, enough of them to tell a time constant of it."""
         return float(np.quantile(np.diff(self.time_s), DENSE_QUANTILE, overwrite_input=True))
 
-    @cached_property
+    @property
     def step_ohm(self) -> float:
         """The resistance at the current's steps; zero where they do not tell it."""
-        return record_resistance_ohm(self.record)
+        return self.record.resistance_ohm
+
+    @property
+    def is_step(self) -> Bool[np.ndarray, "simulated"]:
+        """True at the samples that the current steps to, whatever is before and after."""
+        moved_a = np.abs(np.diff(self.current_a, prepend=self.current_a[:1]))
+        return moved_a > STEP_SHARE * np.abs(self.current_a).max()
+
+    @property
+    def is_at_ocv(self) -> Bool[np.ndarray, "simulated"]:
+        """True at the ends of rests so long that the voltage is the OCV."""
+        rests = self.record.segments(self.rest_current_a).rests
+        ends = [rest.last for rest in rests if is_long(rest.duration_s)]
+        return np.isin(np.arange(self.span.start, self.span.stop), ends)
+
+    @property
+    def steps(self) -> tuple[Int[np.ndarray, "steps"], Int[np.ndarray, "steps"]]:
+        """The scored samples before the steps of the current, and those at which their answers are
+        read, with one move of the current within each.
+
+        A second after a step, the voltage has moved by R0 and by what the pairs have answered
+        since, so that no R0 is above that.
+        """
+        moved_a, peak_a = np.abs(np.diff(self.current_a)), np.abs(self.current_a).max()
+        time_s, moves = self.time_s, np.append(0, np.cumsum(moved_a >= STEADY_SHARE * peak_a))
+        before = np.flatnonzero(self.is_step) - 1
+        before = before[before > 0]
+        after = np.maximum(before + 2, np.searchsorted(time_s, time_s[before + 1] + AFTER_S))
+        is_inside = after < len(moves)
+        before, after = before[is_inside], after[is_inside]
+        is_single = moves[after] - moves[before - 1] == 1
+        is_single &= self.scored[before] & self.scored[after]
+        return before[is_single], after[is_single]
 
     def nearest(self, nodes: Float[np.ndarray, "nodes"]) -> Bool[np.ndarray, "nodes"]:
         """True at the nodes that are nearest to some scored sample."""
@@ -228,34 +260,44 @@ class PreparedRecord(Brief):
         return temperature_of(self.record, self.window, here)
 
     def simulation_input(
-        self, shortest_tau_s: float, highest_gamma: float | None = None, samples: int | None = None
+        self,
+        shortest_tau_s: float,
+        highest_gamma: float | None = None,
+        samples: int | None = None,
+        in_one_form: bool = False,
     ) -> "SimulationInput":
         """The span as a circuit's input, exact for time constants from `shortest_tau_s` on.
 
         With dynamic hysteresis, exact for rates up to `highest_gamma`. With `samples`, the first so
-        many in a form that blocks share; where there are fewer, the last is repeated uncounted.
+        many; where there are fewer, the last is repeated uncounted, which changes no bit of an
+        error. `in_one_form`, as blocks share it.
         """
         from .intervals import Intervals, sized
-        from .simulate import SimulationInput
+        from .simulate import HysteresisInput, SimulationInput
 
         def fit(values: np.ndarray) -> Any:
             return as_input(values if samples is None else sized(values, samples))
 
+        def fit_clock(clock: Intervals) -> Intervals:
+            return clock if samples is None else clock.sized(samples, in_one_form)
+
+        hysteresis, amplitude_v = None, self.hysteresis_amplitude_v
+        if highest_gamma is not None and amplitude_v is not None:
+            turning, passed = self._turning
+            clock = fit_clock(Intervals.gather(passed, 1 / highest_gamma, 0.0))
+            hysteresis = HysteresisInput(fit(amplitude_v), fit(turning), clock)
         ohmic_a, through_pairs_a = self.weighed_a
         weight = self.scored.astype(float)
-        intervals = Intervals.measure(self.time_s, shortest_tau_s)
         if samples is not None:
-            intervals = intervals.in_one_form(samples)
             weight = np.append(weight[:samples], np.zeros(max(0, samples - len(weight))))
         return SimulationInput(
             current_a=fit(ohmic_a),
             held_a=fit(through_pairs_a),
-            source_v=fit(self.source_v),
             base_error_v=fit(self.voltage_v - self.source_v),
             weight=None if np.all(weight) and samples is None else as_input(weight),
             scored=as_input(float(np.count_nonzero(weight))),
-            intervals=intervals,
-            hysteresis=None if highest_gamma is None else self._hysteresis(highest_gamma, samples),
+            intervals=fit_clock(Intervals.measure(self.time_s, shortest_tau_s)),
+            hysteresis=hysteresis,
         )
 
     @property
@@ -273,22 +315,14 @@ class PreparedRecord(Brief):
         last = slice(self.first, self.first + len(self.soc) - 1)
         return np.append(self.record.interval_current_a[last], 0.0)
 
-    def _hysteresis(self, highest_gamma: float, samples: int | None) -> "HysteresisInput":
-        from .intervals import Intervals, sized
-        from .simulate import HysteresisInput
-
+    @property
+    def _turning(self) -> tuple[Float[np.ndarray, "simulated"], Float[np.ndarray, "simulated"]]:
+        """Where a dynamic hysteresis goes from its start, and how much SOC passes meanwhile."""
         # Below the rest current a cell keeps its direction: noise and offsets turn nothing.
         is_moving = (np.abs(self.held_a) >= self.rest_current_a) & (self.held_a != 0)
         passed = np.where(is_moving, np.abs(np.diff(self.soc, append=self.soc[-1])), 0.0)
         toward = np.where(is_moving, -np.sign(self.held_a), self.direction)
-        amplitude_v, hysteresis_input = self.hysteresis_amplitude_v, toward - self.start.direction
-        intervals = Intervals.gather(passed, 1 / highest_gamma, 0.0)
-        if samples is not None and amplitude_v is not None:
-            amplitude_v, hysteresis_input = (
-                sized(values, samples) for values in (amplitude_v, hysteresis_input)
-            )
-            intervals = intervals.in_one_form(samples)
-        return HysteresisInput(as_input(amplitude_v), as_input(hysteresis_input), intervals)
+        return toward - self.start.direction, passed
 
 
 def prepare_record(

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, Scalar
 
 from ..cell import CellModel, CircuitParameters, get_circuit
 from ..display import Brief
-from ..errors import InputError
+from ..errors import InputError, require_choice
 from ..execution import CIRCUITS_PER_BLOCK, as_input, compile_for, in_float64, seed_blocks
 from ..notices import Notice
 from ..records import Record
@@ -140,9 +140,18 @@ class Problem(Brief):
     @cached_property
     def all_inputs(self) -> tuple[SimulationInput, ...]:
         """Every course as the scan takes it, exact in the whole box."""
+        return self._inputs(in_common_size=False)
+
+    def _inputs(self, *, in_common_size: bool) -> tuple[SimulationInput, ...]:
+        from .intervals import common_size
+
         (shortest_s, _), gammas = self.coordinates.tau_span_s, self.coordinates.gamma_limits
         exact_for = shortest_s, None if gammas is None else gammas[1]
-        return tuple(prepared.simulation_input(*exact_for) for prepared in self.prepared_records)
+        sizes = (common_size(len(prepared.soc)) for prepared in self.prepared_records)
+        return tuple(
+            prepared.simulation_input(*exact_for, size if in_common_size else None)
+            for prepared, size in zip(self.prepared_records, sizes, strict=True)
+        )
 
     @property
     def scan(self) -> AbstractEvaluator:
@@ -164,7 +173,7 @@ class Problem(Brief):
     @cached_property
     def padded_inputs(self) -> tuple[SimulationInput, ...]:
         """Every course in one of few shapes; a sample that does not count has no weight."""
-        return tuple(map(SimulationInput.in_common_size, self.all_inputs))
+        return self._inputs(in_common_size=True)
 
     @property
     def padded_scan(self) -> AbstractEvaluator:
@@ -193,15 +202,15 @@ class Problem(Brief):
         """The circuits at some points, pairs ordered by tau where both have one box."""
         # In NumPy: JAX would compile a program for every number of points.
         decoded = coordinates.decode(as_input(points).T, np)
-        circuits = jax.tree.map(lambda leaf: np.broadcast_to(leaf, len(points)), decoded)
-        decoded = []
-        for index in range(len(points)):
-            one = jax.tree.map(lambda leaf, index=index: float(leaf[index]), circuits)
-            given = one.r0, one.r, one.tau, one.gamma, self.bounds.elements
-            decoded.append(CircuitParameters.of_tau(*given))
-        return (
-            [each.ordered() for each in decoded] if self.bounds.interchangeable_pairs else decoded
-        )
+        leaves, tree = jax.tree.flatten(decoded)
+        rows = np.stack([np.broadcast_to(leaf, len(points)) for leaf in leaves], axis=1).tolist()
+        each = (jax.tree.unflatten(tree, row) for row in rows)
+        circuits = [
+            CircuitParameters.of_tau(one.r0, one.r, one.tau, one.gamma, self.bounds.elements)
+            for one in each
+        ]
+        is_ordered = self.bounds.interchangeable_pairs
+        return [circuit.ordered() for circuit in circuits] if is_ordered else circuits
 
 
 def applicable_to(
@@ -278,8 +287,7 @@ def make_problem(
     Raises `InputError` if window, box or OCV range do not fit a record, the box is too wide to
     compress, or circuit or objective are unknown; `ValueError` for windows that do not match.
     """
-    if objective not in KINDS:
-        raise InputError(f"no objective is called {objective!r}; there are {', '.join(KINDS)}")
+    require_choice("objective", objective, KINDS)
     records = (record,) if isinstance(record, Record) else tuple(record)
     if not records:
         raise ValueError("a problem needs at least one record")

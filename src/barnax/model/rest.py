@@ -7,13 +7,13 @@ least squares, which leaves one unknown.
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import solve_banded
 from scipy.optimize import minimize_scalar, nnls
 
 from ..cell import CellModel
 from ..cell.soc_axis import BEYOND_SOC
 from ..metrics import TO_SD
 from ..records import Record
+from ..records.lag import lagged
 from ..records.record import Segments
 
 # No tester resolves less.
@@ -78,9 +78,13 @@ def fitted_soc(
     every = slice(None, None, 1 + len(discharged_ah) // _SAMPLES)
     moved = (discharged_ah - discharged_ah[0])[every] / capacity_ah
     voltage_v = record.voltage_v[first:][every]
-    current_a = record.current_a[first:]
-    drives_a = [current_a, *(_through_pair(record, first, tau_s) for tau_s in _TAUS_S)]
-    columns = np.stack(drives_a, axis=1)[every]
+    # The current, and that through the resistors of relaxed RC pairs.
+    held_a, interval_s = (
+        np.append(record.interval_current_a[first:], 0.0),
+        record.interval_s[first:],
+    )
+    drives_a = (lagged(held_a, tau_s, interval_s) for tau_s in _TAUS_S)
+    columns = np.stack([record.current_a[first:], *drives_a], axis=1)[every]
     low, high = cell.soc_range
     low, high = low + moved.max() - BEYOND_SOC, high + moved.min() + BEYOND_SOC
     if low >= high:
@@ -109,12 +113,3 @@ def fitted_soc(
     with np.errstate(divide="ignore"):
         sd = np.sqrt((variance_v2 + _OCV_SD_V**2) / np.mean(drop_v**2))
     return (soc, float(sd)) if sd <= _LARGEST_SD and np.sqrt(loss_v2(soc)) <= _LARGEST_V else None
-
-
-def _through_pair(record: Record, first: int, tau_s: float) -> Float[np.ndarray, "simulated"]:
-    """The current through the resistor of a relaxed RC pair, at every sample from `first` on."""
-    share = -np.expm1(-record.interval_s[first:] / tau_s)
-    bands = np.ones((2, len(share) + 1))
-    bands[1, :-1] = share - 1
-    passed_a = np.append(0.0, share * record.interval_current_a[first:])
-    return np.asarray(solve_banded((1, 0), bands, passed_a))

@@ -2,7 +2,7 @@
 
 import math
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -109,23 +109,27 @@ class Bounds:
         Raises `InputError` for an unknown name, a range that is reversed or not positive, and
         for both tau and C of one pair; `source` says where the change came from.
         """
+        for name in (*ranges, *fixed):
+            if name not in self.names:
+                raise InputError(
+                    f"{source}: {cut(name, LONGEST_NAME)!r} is not a parameter of this circuit; "
+                    f"there are {', '.join(self.names)}"
+                )
         for name, (low, high) in ranges.items():
-            self._require_name(name, source)
             if not (0 < low < high < math.inf):
                 raise InputError(
                     f"{source}: the bounds of {name!r} are [{low}, {high}]; they must be positive "
                     "and the lower one smaller than the upper one"
                 )
-            _require_allowed(name, (low, high), source)
+            if name in fixed:
+                raise InputError(f"{source}: {name!r} is both bounded and fixed; give one of them")
         for name, value in fixed.items():
-            self._require_name(name, source)
             if not 0 < value < math.inf:
                 raise InputError(
                     f"{source}: {name!r} cannot be fixed at {value}; give a positive value"
                 )
-            _require_allowed(name, (value, value), source)
-            if name in ranges:
-                raise InputError(f"{source}: {name!r} is both bounded and fixed; give one of them")
+        for name, ends in [*ranges.items(), *((name, (fixed[name],)) for name in fixed)]:
+            _require_allowed(name, ends, source)
         chosen = ranges.keys() | fixed.keys()
         changed = dict(self.ranges)
         for _, tau, capacitance in self.element_names:
@@ -181,13 +185,6 @@ class Bounds:
         _, tau, capacitance = self.element_names[index]
         return tau if tau in self.ranges or tau in self.fixed else str(capacitance)
 
-    def _require_name(self, name: str, source: str) -> None:
-        if name not in self.names:
-            raise InputError(
-                f"{source}: {cut(name, LONGEST_NAME)!r} is not a parameter of this circuit; there "
-                f"are {', '.join(self.names)}"
-            )
-
     def range_of(self, name: str) -> Range:
         """Least and greatest value of a parameter that is bounded or fixed."""
         value = self.fixed.get(name)
@@ -223,7 +220,7 @@ class Bounds:
         return low, np.maximum(low, high)
 
 
-def _require_allowed(name: str, ends: Range, source: str) -> None:
+def _require_allowed(name: str, ends: Sequence[float], source: str) -> None:
     """Raise `InputError` where a value is none of any cell."""
     unit = name.rpartition("[")[2].rstrip("]")
     low, high = ALLOWED[unit]

@@ -6,20 +6,18 @@ ohmic drop. Functions are for one candidate; callers vmap them.
 """
 
 import abc
-from dataclasses import replace
 from functools import partial
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from equinox import AbstractVar
 from jax import lax
 from jax.custom_batching import custom_vmap
 from jaxtyping import Array, Float, Int, PyTree, Scalar
 
 from ..cell.elements import rungs_of
-from ..execution import as_input, in_one_function
+from ..execution import in_one_function
 from .intervals import Intervals
 
 
@@ -108,51 +106,19 @@ class SimulationInput(AbstractEvaluator):
     """The input of one record to every candidate, at the simulated samples.
 
     `held_a` is the current that flows from a sample to the next, by the record's hold; the last
-    entry leads nowhere. `source_v` is the open-circuit voltage with the model's hysteresis term,
-    `base_error_v` the measured voltage minus that: the error of a circuit without any impedance.
+    entry leads nowhere. `base_error_v` is the measured voltage minus the open-circuit voltage with
+    the model's hysteresis term: the error of a circuit without any impedance.
     `weight` is 1 at scored samples, else 0, and None where all are; `scored` is how many are.
     Discharge current is positive.
     """
 
     current_a: Float[Array, "samples"]
     held_a: Float[Array, "samples"]
-    source_v: Float[Array, "samples"]
     base_error_v: Float[Array, "samples"]
     weight: Float[Array, "samples"] | None
     scored: Scalar
     intervals: Intervals
     hysteresis: HysteresisInput | None = None
-
-    def padded_to(self, samples: int) -> "SimulationInput":
-        """The same in `samples` samples: those added at the end repeat the last and count nothing.
-
-        Errors keep their bits: a weight of one is exact, and nothing but zeros is added.
-        """
-        missing = samples - len(self.current_a)
-        weight = np.ones(len(self.current_a)) if self.weight is None else self.weight
-        # In NumPy: JAX would compile a program for every length it meets.
-        filled = eqx.tree_at(
-            _sampled, self, replace_fn=lambda a: as_input(np.pad(a, (0, missing), mode="edge"))
-        )
-        weight = np.pad(np.asarray(weight, self.current_a.dtype), (0, missing))
-        return replace(filled, weight=as_input(weight))
-
-    def in_common_size(self) -> "SimulationInput":
-        """The same in one of few shapes, so that a new record seldom compiles anything: one an
-        octave of samples, two of very many, where they cost more than programs; one every two
-        octaves of nodes of the clocks."""
-        samples = len(self.current_a)
-        # The next of 64, 128 and so on to 65,536, then 98,304, 131,072 and so on.
-        power = max(6, (samples - 1).bit_length())
-        is_between = power > 16 and samples <= 3 << (power - 2)
-        padded = self.padded_to(3 << (power - 2) if is_between else 1 << power)
-        hysteresis = padded.hysteresis
-        if hysteresis is not None:
-            clock = hysteresis.intervals.with_common_nodes()
-            hysteresis = replace(hysteresis, intervals=clock)
-        return replace(
-            padded, intervals=padded.intervals.with_common_nodes(), hysteresis=hysteresis
-        )
 
     def squared_error(self, rc: RCParameters) -> Scalar:
         """Sum of squared errors over the scored samples, in V^2."""
@@ -161,20 +127,6 @@ class SimulationInput(AbstractEvaluator):
     def errors(self, rc: RCParameters) -> Float[Array, "samples"]:
         error_v = self.base_error_v + overpotential(rc, self)
         return error_v if self.weight is None else self.weight * error_v
-
-
-def _sampled(inputs: SimulationInput) -> list[Array]:
-    """Every array that has one entry a sample."""
-    clocks = [inputs.intervals]
-    arrays = [inputs.current_a, inputs.held_a, inputs.source_v, inputs.base_error_v]
-    if inputs.weight is not None:
-        arrays.append(inputs.weight)
-    if inputs.hysteresis is not None:
-        arrays += [inputs.hysteresis.amplitude_v, inputs.hysteresis.hysteresis_input]
-        clocks.append(inputs.hysteresis.intervals)
-    for clock in clocks:
-        arrays += [clock.node, clock.offset_s]
-    return arrays
 
 
 def overpotential(rc: RCParameters, inputs: SimulationInput) -> Float[Array, "samples"]:

@@ -15,7 +15,6 @@ from ..notices import Notice
 from ..records import Record
 from ..records.log import goes_on
 from ..records.record import MINIMUM_REST_S, Segments, is_long
-from ..records.samples import record_resistance_ohm
 from ..settings import SocSource
 from .rest import cell_at_rest, fitted_soc, mean_at_rest
 from .window import Window, relaxing_rest
@@ -164,12 +163,6 @@ class _Beginning:
     segments: Segments
 
     @cached_property
-    def source_v(self) -> Float[np.ndarray, "samples"]:
-        """The voltage without R I."""
-        record = self.record
-        return record.voltage_v + record_resistance_ohm(record) * record.current_a
-
-    @cached_property
     def discharged_ah(self) -> Float[np.ndarray, "samples"]:
         return self.record.discharged_ah
 
@@ -202,7 +195,8 @@ class _Beginning:
             determined.soc + np.array([-_APART_SOC, _APART_SOC])
         )
         is_within = -BEYOND_SOC <= determined.soc <= 1 + BEYOND_SOC
-        return is_within and bool(low_v - apart_v <= self.source_v[self.first] <= high_v + apart_v)
+        start_v = self.record.source_v[self.first]
+        return is_within and bool(low_v - apart_v <= start_v <= high_v + apart_v)
 
     def _ends(self) -> Iterator[DeterminedSoc]:
         """The last samples of charges to full and of discharges to empty."""
@@ -210,13 +204,13 @@ class _Beginning:
         if high >= 1 - _AT_AN_END:
             full_v = self.cell.charge(np.array([1 - _AT_AN_END]))[0]
             for last in self.segments.held_charges(self.capacity_ah):
-                if self.source_v[last] >= full_v:
+                if self.record.source_v[last] >= full_v:
                     yield DeterminedSoc(1.0, "full end", last)
         if low <= _AT_AN_END:
             empty_v = self.cell.discharge(np.array([_AT_AN_END]))[0]
             for _, last in self.segments.long_loads(-1):
                 is_slow = self.record.current_a[last] <= self.capacity_ah / _EMPTY_HOURS
-                if is_slow and self.source_v[last] <= empty_v:
+                if is_slow and self.record.source_v[last] <= empty_v:
                     yield DeterminedSoc(0.0, "empty end", last)
 
     def _full_voltage(self) -> Iterator[DeterminedSoc]:
@@ -224,7 +218,7 @@ class _Beginning:
         full_v = self.cell.average_ocv_v(np.array([1 - _AT_AN_END]))[0]
         is_small = abs(self.record.current_a[self.first]) <= self.capacity_ah / _SMALL_HOURS
         is_measured = self.cell.soc_range[1] >= 1 - _AT_AN_END
-        if is_measured and is_small and self.source_v[self.first] >= full_v:
+        if is_measured and is_small and self.record.source_v[self.first] >= full_v:
             yield DeterminedSoc(1.0, "full voltage", self.first)
 
     def _counted(self) -> Iterator[DeterminedSoc]:

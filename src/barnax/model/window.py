@@ -12,7 +12,6 @@ from ..errors import InputError
 from ..notices import Notice
 from ..records import Record
 from ..records.record import SETTLED_V, degc_in_name
-from ..records.samples import record_resistance_ohm
 from ..settings import Window
 
 # Scored samples may leave the range of the OCV points by this much SOC; a branch is constant there.
@@ -51,11 +50,8 @@ def temperature_of(
 ) -> float | None:
     """The temperature given for a record in degC, else the median of those measured, else that in
     its name, if any."""
-    if window.temperature_degc is not None:
-        return window.temperature_degc
-    measured = np.empty(0) if record.temperature_degc is None else record.temperature_degc[samples]
-    finite = measured[np.isfinite(measured)]
-    return float(np.median(finite)) if len(finite) else degc_in_name(record.name)
+    given_degc = window.temperature_degc
+    return record.usual_degc(samples) if given_degc is None else given_degc
 
 
 # One for all records, or by the names of records, with "" for the others.
@@ -180,8 +176,7 @@ def within_ocv(
     given |= {"ocv": "records" if cell.ocv_is_fitted else "test"}
     end, end_soc, way = ("empty", low, 1) if soc[at] < low else ("full", high, -1)
     end_v = float(cell.average_ocv_v(np.array([end_soc]))[0])
-    source_v = record.voltage_v[at] + record_resistance_ohm(record) * record.current_a[at]
-    if (source_v - end_v) * way > _INSIDE_V:
+    if (record.source_v[at] - end_v) * way > _INSIDE_V:
         given |= {"end": end, "voltage_v": record.voltage_v[at], "end_v": end_v}
         return scored, [Notice("soc.against-voltage", given, record.name)]
     impossible = far[np.abs(soc[far] - 0.5) > 0.5 + OCV_MARGIN]

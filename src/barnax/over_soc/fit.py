@@ -18,7 +18,6 @@ from ..execution import in_float64
 from ..global_optimum.proof import Proof
 from ..model.prepared import PreparedRecord
 from ..model.reference import error_blocks
-from ..model.steps import is_at_ocv, is_step
 from ..notices import Notice
 from ..schema import NoticeField
 from ..search.answers import AtBound, near_ends
@@ -262,14 +261,15 @@ def _untold(objective: TableObjective, errors: Sequence[SocErrors]) -> set[tuple
     tells a value: of R0 those that no step of the current is near; of an OCV of the records' own
     those without a long rest, where no circuit follows the loads, and the next one above, of whose
     samples half are below it."""
-    undetermined, telling = set(), {OHMIC: is_step}
+    undetermined, telling = set(), {OHMIC}
     if any(one.above_v and one.rmse_v > LEFT_BELOW * one.above_v for one in errors):
-        telling[OCV] = is_at_ocv
-    for name in telling.keys() & set(objective.names):
+        telling.add(OCV)
+    for name in telling & set(objective.names):
         nodes = objective.nodes_of[objective.names.index(name)]
         is_determined = is_above(nodes if name == OHMIC else np.append(nodes[:1], nodes[:-1]))
         for prepared in objective.prepared_records:
-            part = replace(prepared, scored=prepared.scored & telling[name](prepared))
+            is_telling = prepared.is_step if name == OHMIC else prepared.is_at_ocv
+            part = replace(prepared, scored=prepared.scored & is_telling)
             is_determined |= part.nearest(nodes)
         undetermined |= {(name, soc) for soc in nodes[~is_determined].tolist()}
     return undetermined

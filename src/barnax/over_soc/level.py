@@ -7,10 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from ..cell import CellModel, OcvPoint, OcvTable, characterize, get_circuit
-from ..cell.curves import InterpolatedCurve
-from ..cell.hysteresis import SegmentedHysteresis
+from ..cell.curves import InterpolatedCurve, SegmentedHysteresis
 from ..cell.model import FitError
-from ..cell.ocv_table import EITHER
+from ..cell.ocv_points import EITHER
 from ..cell.parameters import HALF_HYSTERESIS, RATE
 from ..cell.soc_axis import CHARGE, DISCHARGE
 from ..model.prepared import PreparedRecord

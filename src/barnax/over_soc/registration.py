@@ -27,7 +27,8 @@ from ..metrics import CONFIDENCE
 from ..model.descent import LogScales
 from ..model.prepared import PreparedRecord
 from ..notices import Notice
-from ..records.record import in_means, runs
+from ..records.log import in_means
+from ..records.record import runs
 from ..settings import Registration
 from .cross_validation import held_out
 from .dependence import polished

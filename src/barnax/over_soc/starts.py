@@ -19,7 +19,7 @@ from ..model.start import find_start, require_whole_log
 from ..model.window import OCV_MARGIN, Window, first_sample, scored_samples, temperature_of
 from ..notices import Notice
 from ..records import Record
-from ..records.record import in_means
+from ..records.log import in_means
 from .level import cell_of, level_cell, with_fitted_ocv
 from .objective import Solution, TableObjective
 from .problem import find_best, reduced_objective, solved_at

@@ -9,7 +9,7 @@ from itertools import pairwise, permutations
 from pathlib import Path
 
 from ..cell import CellModel
-from ..checks.traits import LEAST_SHARE
+from ..checks.check_input import LEAST_SHARE
 from ..errors import InputError, counted, printable
 from ..model.window import Window
 from ..notices import Notice

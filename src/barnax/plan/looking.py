@@ -18,8 +18,8 @@ from jaxtyping import Float
 from ..cell import OcvTable, read_ocv_test
 from ..cell.model import REFERENCE_DEGC, SAME_DEGC, group_near
 from ..checks import Role, check_file
-from ..checks.suggested_window import SuggestedWindow
-from ..checks.traits import NO_TRAITS, Kind, Traits
+from ..checks.check_input import NO_TRAITS, Kind, Traits
+from ..checks.roles import SuggestedWindow
 from ..errors import InputError
 from ..inputs import file_names, name_of, named_source, numbered
 from ..job import Job, window_of, windows_by_name

@@ -68,9 +68,7 @@ def _plain_numbers(cells: pl.Series, column: Column) -> Numbers:
     if quantity == "temperature":
         # A sensor that is not there is some large negative number.
         values = np.where(values < _ABSENT_DEGC, np.nan, values)
-    if unit.factor == 1 and unit.offset == 0:
-        return values
-    return values * unit.factor + unit.offset
+    return unit.to_base(values)
 
 
 def _plain(text: pl.Series, has_points: Callable[[], bool] = lambda: False) -> pl.Series:

@@ -246,15 +246,17 @@ def require_lag(record: Record, lag_s: float) -> None:
 
 
 def lagged(
-    values: Float[np.ndarray, "*rows samples"], tau: float
+    values: Float[np.ndarray, "*rows samples"], tau: float, interval: Intervals | float = 1.0
 ) -> Float[np.ndarray, "*rows samples"]:
     """A first-order lag behind values that are held from sample to sample, with a time constant
-    in samples: y' = k y + (1 - k) x with k = exp(-1 / tau), from zero on.
+    in samples, or in what intervals are: y' = k y + (1 - k) x with k = exp(-interval / tau), from
+    zero on.
 
     SciPy's `lfilter` is that too, but a quarter of what a command loads comes with it.
     """
-    kept = np.exp(-1 / tau)
-    bands = np.tile([1.0, -kept], (values.shape[-1], 1)).T
+    kept = np.exp(-np.asarray(interval) / tau)
+    bands = np.ones((2, values.shape[-1]))
+    bands[1, :-1] = -kept
     (solve,) = get_lapack_funcs(("tbtrs",), (bands,))
     driven = np.zeros(values.shape)
     driven[..., 1:] = (1 - kept) * values[..., :-1]

@@ -1,10 +1,12 @@
-"""Logs that were cut into several files: which records continue each other, and the whole log."""
+"""Logs that were cut into several files: which records continue each other, and the whole log; and
+logs in means over longer intervals."""
 
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import polars as pl
+from jaxtyping import Float
 
 from ..errors import InputError
 from .record import Record, is_long
@@ -116,3 +118,49 @@ def continuation(earlier: Record, later: Record) -> str:
         f"later, its voltage within {1e3 * left_v[cut]:.2g} mV of what R0 predicts, and its rows "
         "count on"
     )
+
+
+def in_means(record: Record, interval_s: float) -> Record:
+    """The record in means over intervals, with all its charge; itself where it is no faster.
+
+    >>> from barnax.bundled import bundled_file
+    >>> from barnax.records import read_record
+    >>> means = in_means(read_record(bundled_file("identification")), 10.0)
+    >>> means.samples, float(np.median(means.interval_s))
+    (1968, 10.0)
+    """
+    if 2 * record.usual_s > interval_s:
+        return record
+    number = np.floor((record.time_s - record.time_s[0]) / interval_s)
+    is_first = np.diff(number, prepend=-1.0) > 0
+    if record.step is not None:
+        is_first |= np.diff(record.step, prepend=record.step[0]) != 0
+    first = np.flatnonzero(is_first)
+    counts = np.diff(np.append(first, record.samples))
+
+    def mean(values: Float[np.ndarray, "samples"]) -> Float[np.ndarray, "means"]:
+        return np.add.reduceat(values, first) / counts
+
+    columns = "temperature_degc", "step", "row", "charge_ah", "cycle", "state"
+    begun = {name: row[first] for name in columns if (row := getattr(record, name)) is not None}
+    means = replace(
+        record,
+        time_s=mean(record.time_s),
+        current_a=mean(record.current_a),
+        voltage_v=mean(record.voltage_v),
+        hold=replace(record.hold, value="centered"),
+        skipped_ah=None,
+        flowing=None,
+        **begun,
+    )
+    moved_ah = np.diff(mean(record.discharged_ah))
+    if record.flowing is not None:
+        # Where the logger wrote nothing at rest, a mean's current does not flow through that.
+        group = np.cumsum(is_first) - 1
+        silent = group[:-1][record.flowing < 1]
+        silent = silent[silent < len(moved_ah)]
+        flowing, held_ah = np.ones(len(moved_ah)), means.moved_ah[silent]
+        shares = np.divide(moved_ah[silent], held_ah, np.ones(len(silent)), where=held_ah != 0)
+        flowing[silent] = np.clip(shares, 0.0, 1.0)
+        means = replace(means, flowing=flowing)
+    return replace(means, skipped_ah=moved_ah - means.moved_ah)

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 # The voltage of one cell: that of every lithium chemistry lies within.
 CELL_RANGE_V = (0.5, 6.0)
@@ -20,6 +21,12 @@ class Unit:
     factor: float = 1.0
     offset: float = 0.0
     words: str = ""
+
+    def to_base(self, values: Any) -> Any:
+        """Values in this unit in the base unit."""
+        return (
+            values if (self.factor, self.offset) == (1, 0) else values * self.factor + self.offset
+        )
 
 
 @dataclass(frozen=True)
@@ -88,10 +95,12 @@ _AMPERE_HOURS = _units(
     Unit("Ah", "ah|a.h|a·h|a h|ahr|a-hr|amp-hr|ampere hour|amp hour|amp hours|安时"),
     Unit("mAh", _OF_MAH, 1e-3, words="milliampere-hours"),
 )
+KELVIN = Unit("K", "k|kelvin", offset=-273.15)
+FAHRENHEIT = Unit("degF", "degf|deg f|f|°f|fahrenheit", 5 / 9, -160 / 9)
 _DEGREES = _units(
     Unit("degC", "degc|deg c|c|°c|oc|celsius|celcius|degree celsius|degrees celsius"),
-    Unit("K", "k|kelvin", offset=-273.15),
-    Unit("degF", "degf|deg f|f|°f|fahrenheit", 5 / 9, -160 / 9),
+    KELVIN,
+    FAHRENHEIT,
 )
 _COUNTS = _units(Unit("1", "1|dimensionless|unitless"))
 _FRACTIONS = _units(Unit("1", "1|-"), Unit("%", "%|percent|pct", 0.01))

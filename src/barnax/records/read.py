@@ -16,7 +16,7 @@ import numpy as np
 import polars as pl
 from jaxtyping import Float
 
-from ..errors import InputError, listed
+from ..errors import InputError, listed, require_choice
 from ..notices import Notice, raise_first_error
 from ..settings import AutoHold, AutoSign
 from . import scale
@@ -126,10 +126,8 @@ def read_record(
     >>> record.sign.value, float(record.current_a.max())
     ('charge-positive', 0.001)
     """
-    chosen = {"current_sign": (current_sign, AutoSign), "current_hold": (current_hold, AutoHold)}
-    for option, (value, kind) in chosen.items():
-        if value not in (allowed := get_args(kind)):
-            raise InputError(f"`{option}` is {value!r}; it must be one of {', '.join(allowed)}.")
+    require_choice("current_sign", current_sign, get_args(AutoSign))
+    require_choice("current_hold", current_hold, get_args(AutoHold))
     if not isinstance(source, Source):
         source = read_source(source, columns=columns, series=series)
     elif columns or series != 1:

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -138,6 +138,24 @@ class Record(Brief):
     def span_ah(self) -> float:
         """The charge between the fullest and the emptiest sample."""
         return float(np.ptp(self.discharged_ah))
+
+    @cached_property
+    def resistance_ohm(self) -> float:
+        """The resistance at the current's steps; zero where they do not tell it."""
+        step_a, step_v = np.diff(self.current_a), np.diff(self.voltage_v)
+        is_step = np.abs(step_a) > STEP_SHARE * np.abs(self.current_a).max()
+        return step_resistance_ohm(step_a[is_step], step_v[is_step])
+
+    @cached_property
+    def source_v(self) -> Channel:
+        """The voltage without R I."""
+        return self.voltage_v + self.resistance_ohm * self.current_a
+
+    def usual_degc(self, samples: slice | Int[np.ndarray, "_"] = slice(None)) -> float | None:
+        """The median of the temperatures measured at some samples, else that in the name if any."""
+        measured = np.empty(0) if self.temperature_degc is None else self.temperature_degc[samples]
+        finite = measured[np.isfinite(measured)]
+        return float(np.median(finite)) if len(finite) else degc_in_name(self.name)
 
     def flowing_between(self, first: Places, last: Places) -> tuple[Places, Places]:
         """The samples between which the currents of the samples `first` to `last` flowed."""
@@ -311,52 +329,6 @@ def run_sums(values: np.ndarray, first: Places, last: Places) -> np.ndarray:
     return total[last + 1] - total[first]
 
 
-def in_means(record: Record, interval_s: float) -> Record:
-    """The record in means over intervals, with all its charge; itself where it is no faster.
-
-    >>> from barnax.bundled import bundled_file
-    >>> from barnax.records import read_record
-    >>> means = in_means(read_record(bundled_file("identification")), 10.0)
-    >>> means.samples, float(np.median(means.interval_s))
-    (1968, 10.0)
-    """
-    if 2 * record.usual_s > interval_s:
-        return record
-    number = np.floor((record.time_s - record.time_s[0]) / interval_s)
-    is_first = np.diff(number, prepend=-1.0) > 0
-    if record.step is not None:
-        is_first |= np.diff(record.step, prepend=record.step[0]) != 0
-    first = np.flatnonzero(is_first)
-    counts = np.diff(np.append(first, record.samples))
-
-    def mean(values: Channel) -> Float[np.ndarray, "means"]:
-        return np.add.reduceat(values, first) / counts
-
-    columns = "temperature_degc", "step", "row", "charge_ah", "cycle", "state"
-    begun = {name: row[first] for name in columns if (row := getattr(record, name)) is not None}
-    means = replace(
-        record,
-        time_s=mean(record.time_s),
-        current_a=mean(record.current_a),
-        voltage_v=mean(record.voltage_v),
-        hold=replace(record.hold, value="centered"),
-        skipped_ah=None,
-        flowing=None,
-        **begun,
-    )
-    moved_ah = np.diff(mean(record.discharged_ah))
-    if record.flowing is not None:
-        # Where the logger wrote nothing at rest, a mean's current does not flow through that.
-        group = np.cumsum(is_first) - 1
-        silent = group[:-1][record.flowing < 1]
-        silent = silent[silent < len(moved_ah)]
-        flowing, held_ah = np.ones(len(moved_ah)), means.moved_ah[silent]
-        shares = np.divide(moved_ah[silent], held_ah, np.ones(len(silent)), where=held_ah != 0)
-        flowing[silent] = np.clip(shares, 0.0, 1.0)
-        means = replace(means, flowing=flowing)
-    return replace(means, skipped_ah=moved_ah - means.moved_ah)
-
-
 def degc_in_name(name: str) -> float | None:
     """The temperature in degC that a file's name tells, None without such.
 
@@ -367,6 +339,9 @@ def degc_in_name(name: str) -> float | None:
     return named and (-1 if named["minus"] else 1) * float(named["degrees"])
 
 
+# Answers to steps of the current agree where so much of them has one sign.
+_AGREEING = 0.5
+Steps = Float[np.ndarray, "steps"]
 # Steps of the current are changes by this share of the largest. Those of a load reach over this
 # share of the charge, from the first of these quantiles to the last: a few may stand apart.
 STEP_SHARE, LEAST_REACH, _ENDS = 0.1, 0.05, (0.05, 0.95)
@@ -389,3 +364,17 @@ def reach_of_steps(current_a: Channel, charge: Channel) -> float:
 def reach(at: Float[np.ndarray, "steps"]) -> float:
     """The charge, or the SOC, over which steps at these reach, but for a few at either end."""
     return float(np.ptp(np.quantile(at, _ENDS)))
+
+
+def step_resistance_ohm(step_a: Steps, step_v: Steps, fewest: int = 3) -> float:
+    """The median |dV/dI| of the larger half of the current steps; zero where they do not agree.
+
+    They agree where most of dI dV has one sign: small steps among relaxations are outweighed.
+    """
+    if len(step_a) < fewest:
+        return 0.0
+    product = step_a * step_v
+    if abs(product.sum()) < _AGREEING * np.abs(product).sum() or not product.any():
+        return 0.0
+    is_large = np.abs(step_a) >= np.median(np.abs(step_a))
+    return abs(float(np.median(step_v[is_large] / step_a[is_large])))

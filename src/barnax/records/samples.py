@@ -11,14 +11,13 @@ from .cell_values import DATED_S
 from .counters import Counters
 from .dialects import Dialect
 from .lag import whole_lag
-from .record import STEP_SHARE, Record, held
+from .record import STEP_SHARE, held, step_resistance_ohm
 from .table import COUNTS, Lines
 
 # The quantities that `Counters` takes, in its order.
 COUNTERS = ("charging capacity", "discharging capacity", "net capacity")
 # A current that stands still changes by less than this share of the largest.
 STEADY_SHARE = 0.01
-_AGREEING = 0.5
 # Levels of a load stand within this share of the largest current and are so far apart; so many
 # changes through a value between them, more than straight ones, are of means.
 _STEADY, _APART, _BETWEEN, _FEWEST_BETWEEN = 0.015, 0.1, (0.1, 0.9), 5
@@ -29,8 +28,6 @@ _ENOUGH, MORE = 50_000, 250_000
 _FEWEST_SAMPLES, _SHORTEST_S = 5, 1e-6
 # The share of an interval by which few digits may change it.
 _ROUNDED = 0.6
-
-Steps = Float[np.ndarray, "steps"]
 
 
 class Samples(Lines):
@@ -240,27 +237,6 @@ def voltage_noise_v(step_v: Float[np.ndarray, "quiet"]) -> float:
         return 0.0
     spread_v = TO_SD * float(np.median(np.abs(steps - np.median(steps))))
     return max(spread_v, float(moved.min()) / 2)
-
-
-def record_resistance_ohm(record: Record) -> float:
-    """The resistance at a record's current steps; zero where they do not tell it."""
-    step_a, step_v = np.diff(record.current_a), np.diff(record.voltage_v)
-    is_step = np.abs(step_a) > STEP_SHARE * np.abs(record.current_a).max()
-    return step_resistance_ohm(step_a[is_step], step_v[is_step])
-
-
-def step_resistance_ohm(step_a: Steps, step_v: Steps, fewest: int = 3) -> float:
-    """The median |dV/dI| of the larger half of the current steps; zero where they do not agree.
-
-    They agree where most of dI dV has one sign: small steps among relaxations are outweighed.
-    """
-    if len(step_a) < fewest:
-        return 0.0
-    product = step_a * step_v
-    if abs(product.sum()) < _AGREEING * np.abs(product).sum() or not product.any():
-        return 0.0
-    is_large = np.abs(step_a) >= np.median(np.abs(step_a))
-    return abs(float(np.median(step_v[is_large] / step_a[is_large])))
 
 
 def changes_through_values_between(current_a: Float[np.ndarray, "rows"]) -> int:

@@ -9,8 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from .quantities import NEEDED
-from .record import STEP_SHARE, Record
-from .samples import record_resistance_ohm, step_resistance_ohm
+from .record import STEP_SHARE, Record, step_resistance_ohm
 from .table import Lines
 
 # An interval is a gap if it is this much longer than the usual ones on both of its sides.
@@ -52,7 +51,7 @@ def flowing_shares(record: Record) -> Float[np.ndarray, "intervals"] | None:
         return None
     is_silent = np.sum(interval_s[is_written]) < _WRITTEN * np.sum(interval_s[gaps])
     # Without steps of the current R is what it mostly is, and E moves as the voltage does.
-    ohm = record_resistance_ohm(record) or _USUAL_DROP * np.median(record.voltage_v) / peak_a
+    ohm = record.resistance_ohm or _USUAL_DROP * np.median(record.voltage_v) / peak_a
     gap_s = interval_s[gaps]
     shown_s = interval_s.copy()
     shown_s[gaps] = usual_s

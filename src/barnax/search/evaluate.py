@@ -9,7 +9,7 @@ from jaxtyping import Float
 from scipy.linalg import block_diag
 
 from ..cell import CellModel, CircuitParameters, get_circuit
-from ..cell.hysteresis import KNOTS
+from ..cell.curves import KNOTS
 from ..cell.parameters import HALF_HYSTERESIS, OHMIC
 from ..cell.tables import hats
 from ..display import Brief
@@ -17,7 +17,6 @@ from ..errors import InputError
 from ..metrics import TO_SD, Metrics, measure, t_quantile
 from ..model.prepared import PreparedRecord, prepare_record
 from ..model.reference import errors_along, simulate_circuit
-from ..model.steps import FEWEST_STEPS, steps_of
 from ..model.window import Window
 from ..notices import Notice
 from ..records import Record
@@ -25,6 +24,8 @@ from ..settings import MAX_MOVED_SOC
 
 # A start is moved by so much to see what that does.
 PROBE_SOC = 0.002
+# Fewer steps of the current show nothing of R0.
+FEWEST_STEPS = 3
 # A lag is found within so many samples.
 LAG_SAMPLES = 0.1
 
@@ -138,8 +139,7 @@ def with_registered(
     prepared = evaluation.prepared
 
     def moved(soc: float) -> Evaluation | None:
-        settled = replace(prepared, window=prepared.settled_window)
-        record = settled.registered(prepared.start.soc + soc, prepared.capacity_ah)
+        record = prepared.registered(prepared.start.soc + soc, prepared.capacity_ah)
         return None if record is None else evaluated(record)
 
     stays = replace(evaluation, registered=(0.0, evaluation.metrics.rmse_v))
@@ -181,7 +181,7 @@ def step_warnings(
     relaxation of the loads before it.
     """
     prepared = evaluation.prepared
-    before, after = steps_of(prepared)
+    before, after = prepared.steps
     if len(before) < FEWEST_STEPS:
         return
     step_a, after_s = (

@@ -28,9 +28,8 @@ if TYPE_CHECKING:
 FEWEST_SAMPLES = 10
 # This share of a record's samples is enough to tell a time constant of their interval.
 DENSE_QUANTILE = 0.05
-# On whichever side of its sample a current flows, and however little late the voltage is, all of R0
-# is in the answer to a step after so long (a second, but for a clock's jitter), and two samples at
-# least.
+# All of R0 is in the answer to a step after so long (a second, but for a clock's jitter), and two
+# samples at least, on whichever side of its sample a current flows.
 AFTER_S = 0.99
 # Samples that are held at a time; records of every length share the programs of such a block.
 BLOCK = 4096
@@ -233,8 +232,7 @@ class PreparedRecord(Brief):
         """The scored samples before the steps of the current, and those at which their answers are
         read, with one move of the current within each.
 
-        A second after a step, the voltage has moved by R0 and by what the pairs have answered
-        since, so that no R0 is above that.
+        By then the voltage has moved by R0 and by what pairs have answered, so no R0 is above that.
         """
         moved_a, peak_a = np.abs(np.diff(self.current_a)), np.abs(self.current_a).max()
         time_s, moves = self.time_s, np.append(0, np.cumsum(moved_a >= STEADY_SHARE * peak_a))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from barnax.baselines import BESIDE_OPTIMIZERS, METHODS, Budget, MethodFailure
-from barnax.baselines.method import generator_of
+from barnax.baselines.method import generator_of, latin_hypercube
 from barnax.optimizers import OPTIMIZERS
 from barnax.search.evaluate import evaluate
 

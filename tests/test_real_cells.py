@@ -15,8 +15,7 @@ from barnax.optimizers import make_optimizer
 from barnax.pipeline import identify
 from barnax.records import read_record
 from barnax.search.evaluate import evaluate, validate
-from barnax.search.refine import refine
-from barnax.search.seeds import search_seeds
+from barnax.search.seeds import refine, search_seeds
 from helpers.reference import banded_response, drop_v, fit_circuit
 
 SAMSUNG = "calce-inr18650-20r"

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.optimize import OptimizeResult
 
 import barnax
-from barnax.search.refine import SEED_TOLERANCE, Descent
+from barnax.search.seeds import SEED_TOLERANCE, Descent
 
 from .case import bundled_problem, points_in, points_of
 from .filtered import Filtered

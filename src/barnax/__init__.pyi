@@ -64,7 +64,7 @@ from .search.evaluate import Evaluation as Evaluation
 from .search.evaluate import Evaluations as Evaluations
 from .search.evaluate import evaluate as evaluate
 from .search.evaluate import validate as validate
-from .search.refine import refine as refine
+from .search.seeds import refine as refine
 from .search.seeds import search_many as search_many
 from .search.seeds import search_seeds as search_seeds
 from .settings import Reading as Reading

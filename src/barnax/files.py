@@ -87,9 +87,9 @@ def located(where: str | Path) -> Any:
         raise InputError(f"{where}: is no address of a kind that fsspec opens") from problem
 
 
-def fetched(address: str | Path, most_bytes: int) -> bytes:
-    """The content of a file, or at an address. Raises `InputError` where it cannot be read, or is
-    longer."""
+def fetched(address: str | Path, most_bytes: int, remedy: str = "") -> bytes:
+    """The content of a file, or at an address. Raises `InputError`, with a remedy if there is one,
+    where it cannot be read, or is longer."""
     try:
         path = located(address)
         with path.open("rb") as file:
@@ -101,9 +101,10 @@ def fetched(address: str | Path, most_bytes: int) -> bytes:
     except Exception as problem:
         # Each store has errors of its own.
         reason = None if is_address(address) else getattr(problem, "strerror", None)
-        raise InputError(f"{address}: cannot be read ({reason or reason_of(problem)})") from problem
+        failed = f"{address}: cannot be read ({reason or reason_of(problem)})"
+        raise InputError(failed + remedy) from problem
     if is_long or len(content) > most_bytes:
-        raise InputError(f"{address}: is longer than {most_bytes:,} bytes, and not read")
+        raise InputError(f"{address}: is longer than {most_bytes:,} bytes, and not read{remedy}")
     return content
 
 

@@ -29,8 +29,7 @@ from .results import Result
 from .run_setup import Setup
 from .search.answers import SAME_RMSE, Refinement
 from .search.evaluate import Evaluations, evaluate
-from .search.refine import Descent, refine
-from .search.seeds import search_seeds
+from .search.seeds import Descent, refine, search_seeds
 from .settings import Settings
 from .uncertainty import Assessment, assess, compile_linearization, examine
 

@@ -9,7 +9,7 @@ from scipy.optimize import differential_evolution
 from barnax.baselines import Budget
 from barnax.bundled import BUNDLED
 from barnax.comparison import ComparisonResult, compare
-from barnax.comparison.statistics import errors_by_soc
+from barnax.comparison.result import errors_by_soc
 from barnax.errors import InputError
 from barnax.model.window import Window
 from barnax.records import read_record

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 from scipy.signal import lfilter
 
-from barnax.comparison.statistics import (
+from barnax.comparison.result import (
     block_length,
     compare_over_seeds,
     compare_over_time,

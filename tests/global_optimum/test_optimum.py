@@ -12,8 +12,7 @@ from barnax.global_optimum.search import find_global_optimum, optimality_gap
 from barnax.model.descent import lowest_scales
 from barnax.model.problem import rmse_by_scan
 from barnax.search.answers import AtBound
-from barnax.search.refine import refine
-from barnax.search.seeds import search_seeds
+from barnax.search.seeds import refine, search_seeds
 from helpers.problems import other_problem
 from helpers.reference import drop_v, filtered_response, fit_circuit
 

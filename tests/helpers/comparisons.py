@@ -9,8 +9,14 @@ from barnax import CircuitParameters, bundled_file, characterize, read_record
 from barnax.baselines import Answer, Budget
 from barnax.cell import CellModel
 from barnax.comparison import ComparisonResult, Row
-from barnax.comparison.result import Difference, ModelPart, RecordErrors
-from barnax.comparison.statistics import BandError, Resampled, SeedPairs
+from barnax.comparison.result import (
+    BandError,
+    Difference,
+    ModelPart,
+    RecordErrors,
+    Resampled,
+    SeedPairs,
+)
 from barnax.global_optimum.search import GlobalOptimum
 from barnax.notices import Notice
 from barnax.records import Decision

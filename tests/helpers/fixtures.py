@@ -17,8 +17,7 @@ from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
 from barnax.records import Record, read_record
 from barnax.search.answers import Refinement, Search
-from barnax.search.refine import refine
-from barnax.search.seeds import search_seeds
+from barnax.search.seeds import refine, search_seeds
 
 from .shared import SET, SHARED
 

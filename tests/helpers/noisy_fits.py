@@ -12,8 +12,7 @@ from barnax.model.window import Window
 from barnax.optimizers import make_optimizer
 from barnax.records import Decision, Hold
 from barnax.search.answers import SeedAnswer
-from barnax.search.refine import refine
-from barnax.search.seeds import search_of
+from barnax.search.seeds import refine, search_of
 from barnax.uncertainty import Assessment, assess
 from helpers.reference import drop_v, filtered_response
 

@@ -112,7 +112,7 @@ NO_PAIR = "'R0 [Ohm]' must be two numbers, [lower, upper]"
         (b'[bounds]\n"R0 [Ohm]" = ["1", 2]\n', NO_PAIR),
         (b'[bounds]\n"R0 [Ohm]" = [0, ' + b"9" * 401 + b"]\n", "a number that is too large"),
         (b'[bounds]\n"R0 [Ohm]" = [0, ' + b"9" * 5000 + b"]\n", "is not a TOML file"),
-        (b"#" * 16_001, "is larger than any file of bounds"),
+        (b"#" * 16_001, "is longer than 16,000 bytes, and not read; give `bounds` a TOML file"),
     ],
 )
 def test_a_bounds_file_that_says_something_else_is_refused_by_name(tmp_path, content, message):

@@ -8,8 +8,7 @@ import pytest
 from barnax.cell import CircuitParameters
 from barnax.optimizers import make_optimizer
 from barnax.search.answers import SAME_RMSE, AtBound, RefinedSeed, distinct_optima
-from barnax.search.refine import refine
-from barnax.search.seeds import search_seeds
+from barnax.search.seeds import refine, search_seeds
 from helpers.problems import other_problem
 
 CIRCUIT = CircuitParameters.constant(r0=0.05, r=(0.01, 0.02), c=(500.0, 4000.0))

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from barnax.search.answers import AtBound
-from barnax.search.refine import refine
-from barnax.search.seeds import search_seeds
+from barnax.search.seeds import refine, search_seeds
 from helpers.problems import other_problem
 from helpers.reference import drop_v, filtered_response
 

@@ -14,8 +14,7 @@ from ..global_optimum.search import find_global_optimum
 from ..model.problem import Problem, rmse_by_scan, rmse_of_all
 from ..optimizers import evaluations_per_iteration, make_optimizer, source_of
 from ..search.answers import RefinedSeed
-from ..search.refine import SEED_TOLERANCE, STEPS, Descent
-from ..search.seeds import search_seeds
+from ..search.seeds import SEED_TOLERANCE, STEPS, Descent, search_seeds
 from .method import (
     Answer,
     Budget,

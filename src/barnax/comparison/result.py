@@ -1,23 +1,229 @@
-"""`comparison.json`: what a comparison found."""
+"""`comparison.json`: what a comparison found, errors by state of charge, and whether a difference
+between two rows is more than chance."""
 
 import math
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from pydantic import model_validator
+from scipy import stats
 
 from ..baselines import Answer, Budget
 from ..cell import CellModel
 from ..display import Brief
 from ..global_optimum.search import GlobalOptimum
+from ..metrics import CONFIDENCE
 from ..model.search_space import Kind, Scale
 from ..result_parts import Candidate, InputPart, MetricsPart
 from ..schema import Document, NoticeField, Parameters, Part, Unstored
-from ..search.answers import AtBound, RefinedSeed
+from ..search.answers import SAME_RMSE, AtBound, RefinedSeed
 from ..search.evaluate import Evaluation
-from .statistics import BandError, Resampled, SeedPairs, errors_by_soc
+
+REPLICATES = 1000
+# Rows of drawn blocks held at a time, in blocks.
+_HELD = 2_000_000
+
+
+def block_length(series: Float[np.ndarray, "samples"]) -> tuple[int, bool]:
+    """Samples a block, and whether the rule's cap decided it.
+
+    The automatic rule of Politis and White, Econometric Reviews 23 (2004) 53, with the correction
+    of Patton, Politis and White, 28 (2009) 372, for blocks of fixed length: autocovariances are
+    summed under a flat-top window that ends at twice the lag from which on correlation is
+    negligible, and the length is (2 G^2 / D)^(1/3) n^(1/3), at most 3 sqrt(n) and a third of n.
+    """
+    samples = len(series)
+    run = max(5, math.ceil(math.sqrt(math.log10(samples))))
+    widest = min(math.ceil(math.sqrt(samples)) + run, samples - 1)
+    covariance = _autocovariance(series, widest)
+    # Rounding of a constant is not correlation.
+    if covariance[0] <= (1e-12 * np.max(np.abs(series), initial=0.0)) ** 2:
+        return 1, False
+    negligible = 2 * math.sqrt(math.log10(samples) / samples)
+    is_small = np.abs(covariance[1:] / covariance[0]) < negligible
+    starts = np.flatnonzero(np.convolve(is_small, np.ones(run), "valid") == run)
+    window = min(2 * max(int(starts[0]), 1), widest) if len(starts) else widest
+    lag = np.arange(1, window + 1)
+    weight = np.clip(2 * (1 - lag / window), 0.0, 1.0)
+    slope = 2 * np.sum(weight * lag * covariance[1 : window + 1])
+    level = covariance[0] + 2 * np.sum(weight * covariance[1 : window + 1])
+    cap = max(1, math.ceil(min(3 * math.sqrt(samples), samples / 3)))
+    if level == 0:
+        return cap, True
+    length = max(1, math.ceil((1.5 * (slope / level) ** 2 * samples) ** (1 / 3)))
+    # Without an end to the correlation the sums above are cut short, and so is the length.
+    return min(length, cap), length > cap or not len(starts)
+
+
+def resampled_means(
+    series: Float[np.ndarray, "series samples"], length: int, generator: np.random.Generator
+) -> Float[np.ndarray, "series replicates"]:
+    """Means of all series over the same randomly drawn blocks (Kuensch, 1989).
+
+    Blocks overlap, and as many are drawn as cover the series. It is closed to a circle (Politis
+    and Romano, 1992): else its two ends, where models err most, are drawn least.
+    """
+    samples = series.shape[1]
+    closed = np.concatenate([np.zeros((len(series), 1)), series, series[:, : length - 1]], axis=1)
+    totals = np.cumsum(closed, axis=1)
+    block_means = (totals[:, length:] - totals[:, :-length]) / length
+    blocks = math.ceil(samples / length)
+    held = max(1, _HELD // blocks)
+    means = []
+    for first in range(0, REPLICATES, held):
+        shape = (min(held, REPLICATES - first), blocks)
+        drawn = generator.integers(0, samples, shape)
+        means.append(np.stack([np.mean(block[drawn], axis=1) for block in block_means]))
+    return np.concatenate(means, axis=1)
+
+
+def _autocovariance(series: Float[np.ndarray, "samples"], lags: int) -> np.ndarray:
+    """Autocovariance from lag 0 to `lags`, divided by the number of samples."""
+    centered = series - np.mean(series)
+    padded = 1 << (len(series) + lags).bit_length()
+    power = np.abs(np.fft.rfft(centered, padded)) ** 2
+    return np.fft.irfft(power, padded)[: lags + 1] / len(series)
+
+
+Samples = Float[np.ndarray, "samples"]
+
+# Bands of SOC: the paper's own errors sit below 0.2.
+BANDS = ((0.0, 0.1), (0.1, 0.2), (0.2, 1.0))
+
+
+@dataclass(frozen=True)
+class BandError:
+    """Errors of one simulation at the scored samples whose SOC lies in [low_soc, high_soc).
+
+    The lowest band holds what is below it too, the highest what is above. The errors are None
+    where the band holds no sample; `mean_v` is measured minus simulated voltage.
+    """
+
+    low_soc: float
+    high_soc: float
+    samples: int
+    rmse_v: float | None = None
+    mean_v: float | None = None
+    max_v: float | None = None
+
+
+@dataclass(frozen=True)
+class Resampled:
+    """Two rows' errors over time, with 95 % intervals of a moving-block bootstrap.
+
+    `difference_v2` is the mean of the first row's squared errors minus the second's;
+    `difference_v` the same as a difference of RMSE. Negative: the first row is better. Where
+    `is_block_capped`, the errors' autocorrelation outlasts the longest block that the rule allows,
+    and the intervals are narrower than they should be. `is_real` says that the interval leaves
+    out zero, and that the two RMSE are not one by `SAME_RMSE`.
+    """
+
+    difference_v2: float
+    interval_v2: tuple[float, float]
+    difference_v: float
+    interval_v: tuple[float, float]
+    block_samples: int
+    is_block_capped: bool
+    is_real: bool
+
+
+@dataclass(frozen=True)
+class SeedPairs:
+    """Two rows' RMSE paired seed by seed, in V; negative: the first row is better.
+
+    `wins` counts the seeds where the first row is better by more than `SAME_RMSE`, `losses` where
+    the second is.
+    `p_value` is that of Wilcoxon's signed-rank test (Biometrics Bulletin 1 (1945) 80),
+    two-sided; 1 where no seed differs.
+    """
+
+    median_v: float
+    wins: int
+    losses: int
+    p_value: float
+
+
+def errors_by_soc(
+    error_v: Samples, soc: Samples, scored: Bool[np.ndarray, "samples"]
+) -> tuple[BandError, ...]:
+    """The errors of one simulation in every band of `BANDS`.
+
+    >>> errors_by_soc(np.array([0.3, 0.1]), np.array([-0.01, 0.5]), np.full(2, True))[0].samples
+    1
+    """
+    errors = []
+    for low, high in BANDS:
+        above = -np.inf if low == BANDS[0][0] else low
+        below = np.inf if high == BANDS[-1][1] else high
+        inside = error_v[scored & (soc >= above) & (soc < below)]
+        figures = ()
+        if len(inside):
+            figures = np.sqrt(np.mean(inside**2)), np.mean(inside), np.max(np.abs(inside))
+        errors.append(BandError(low, high, len(inside), *map(float, figures)))
+    return tuple(errors)
+
+
+def compare_over_time(first_error_v: Samples, second_error_v: Samples, seed: int = 0) -> Resampled:
+    """Two rows' errors at the same samples, resampled in blocks (Kuensch, Ann. Stat. 17 (1989)
+    1217).
+
+    The block length is the one that suits the difference of their squared errors; `seed` is
+    where the resampling begins to draw. The interval is that of the percentiles.
+    """
+    squares = np.stack([first_error_v**2, second_error_v**2])
+    length, is_capped = block_length(squares[0] - squares[1])
+    means = resampled_means(squares, length, np.random.default_rng(seed))
+    tail = 100 * (1 - CONFIDENCE) / 2
+    mean = np.mean(squares, axis=1)
+    first_v, second_v = np.sqrt(mean)
+    ends = [tail, 100 - tail]
+    low_v2, high_v2 = np.percentile(means[0] - means[1], ends).tolist()
+    low_v, high_v = np.percentile(np.sqrt(means[0]) - np.sqrt(means[1]), ends).tolist()
+    return Resampled(
+        difference_v2=float(mean[0] - mean[1]),
+        interval_v2=(low_v2, high_v2),
+        difference_v=float(first_v - second_v),
+        interval_v=(low_v, high_v),
+        block_samples=length,
+        is_block_capped=is_capped,
+        is_real=bool((low_v2 > 0 or high_v2 < 0) and _differ(first_v, second_v)),
+    )
+
+
+def compare_over_seeds(
+    first_v: Float[np.ndarray, "..."], second_v: Float[np.ndarray, "..."]
+) -> SeedPairs | None:
+    """Two rows' RMSE in V, seed by seed; one value alone stands beside every seed.
+
+    None where neither row has seeds to pair, and where their numbers differ.
+
+    >>> compare_over_seeds(np.array([1.0, 2.0]), np.array([3.0])).wins
+    2
+    """
+    sizes = {len(first_v), len(second_v)} - {1}
+    if len(sizes) != 1:
+        return None
+    difference_v = first_v - second_v
+    is_different = _differ(first_v, second_v)
+    p_value = 1.0
+    if np.any(is_different):
+        tested: Any = stats.wilcoxon(difference_v[is_different])
+        p_value = tested.pvalue
+    return SeedPairs(
+        median_v=float(np.median(difference_v)),
+        wins=int(np.count_nonzero(is_different & (difference_v < 0))),
+        losses=int(np.count_nonzero(is_different & (difference_v > 0))),
+        p_value=float(p_value),
+    )
+
+
+def _differ(
+    first_v: Float[np.ndarray, "..."] | float, second_v: Float[np.ndarray, "..."] | float
+) -> Any:
+    """True where two RMSE differ, rounding and unfinished descents aside."""
+    return np.abs(first_v - second_v) > SAME_RMSE * np.minimum(first_v, second_v)
 
 
 @dataclass(frozen=True)

@@ -28,10 +28,17 @@ from ..records import Record
 from ..result_parts import InputPart, versions
 from ..run_setup import first_circuit, problem_of, set_up, settled
 from ..search.evaluate import evaluate, evaluate_from_either
-from ..search.refine import FINAL_ROUNDS, FINAL_TOLERANCE, Descent, at_bound
+from ..search.seeds import FINAL_ROUNDS, FINAL_TOLERANCE, Descent, at_bound
 from ..settings import TableOptions
-from .result import ComparisonResult, Difference, ModelPart, RecordErrors, Row
-from .statistics import compare_over_seeds, compare_over_time
+from .result import (
+    ComparisonResult,
+    Difference,
+    ModelPart,
+    RecordErrors,
+    Row,
+    compare_over_seeds,
+    compare_over_time,
+)
 
 # The rows of Li et al. (2023), Tables 3 to 5: model and method.
 PAPER_ROWS = (

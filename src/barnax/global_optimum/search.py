@@ -141,7 +141,7 @@ def find_global_optimum(
 
     Raises `InputError` if the box is too wide to compress.
     """
-    from ..search.refine import at_bound
+    from ..search.seeds import at_bound
 
     # Kept with the problem: where the direction before the start is open, it was looked for before.
     if "minima" not in vars(problem):

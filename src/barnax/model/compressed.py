@@ -19,8 +19,7 @@ from ..cell.parameters import ANYWHERE
 from ..execution import as_input
 from .coordinates import Coordinates
 from .exponentials import Span
-from .factor import NEGLIGIBLE_V, shorten
-from .layout import Layout, ends_of, spans_between
+from .layout import NEGLIGIBLE_V, Layout, ends_of, shorten, spans_between
 from .prepared import PreparedRecord
 from .reduced import reduce_records, scored_alone
 from .simulate import AbstractEvaluator, RCParameters

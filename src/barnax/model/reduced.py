@@ -20,8 +20,15 @@ from ..cell.parameters import ANYWHERE
 from ..cell.tables import hats
 from ..execution import as_input, in_float64, threads
 from .exponentials import Span
-from .factor import NEGLIGIBLE_V, append_rows, join_triangles, shorten, update_triangular
-from .layout import Layout, by_first_visit
+from .layout import (
+    NEGLIGIBLE_V,
+    Layout,
+    append_rows,
+    by_first_visit,
+    join_triangles,
+    shorten,
+    update_triangular,
+)
 from .prepared import BLOCK, PreparedRecord
 
 if TYPE_CHECKING:

@@ -14,6 +14,7 @@ from jaxtyping import Float
 from ..cell.elements import RC, ElementNames, alike, get_element, names_of
 from ..cell.parameters import OHMIC, RATE
 from ..errors import LONGEST_NAME, InputError, cut, toml_reason
+from ..files import fetched
 
 # From a hysteresis that a whole discharge hardly turns to one that turns within a sample.
 RATE_RANGE = (1.0, 1e4)
@@ -237,15 +238,7 @@ def read_bounds(path: Path) -> dict[str, Range]:
 
     Raises `InputError` where the file cannot be read or says something else.
     """
-    try:
-        with path.open("rb") as file:
-            content = file.read(LARGEST_FILE + 1)
-    except OSError as problem:
-        raise InputError(
-            f"{path}: cannot be read ({problem.strerror or problem}); give `bounds` a TOML file"
-        ) from problem
-    if len(content) > LARGEST_FILE:
-        raise InputError(f"{path}: is larger than any file of bounds ({LARGEST_FILE} bytes)")
+    content = fetched(path, LARGEST_FILE, "; give `bounds` a TOML file")
     try:
         document = tomllib.loads(content.decode("utf-8"))
     except (ValueError, RecursionError) as problem:

@@ -18,8 +18,7 @@ from ..errors import InputError
 from ..execution import in_float64
 from ..global_optimum.proof import Proof
 from ..model.exponentials import Span, span_of
-from ..model.factor import shorten
-from ..model.layout import Layout
+from ..model.layout import Layout, shorten
 from ..model.prepared import PreparedRecord, prepare_record
 from ..model.reduced import Reduced, reduce_records, together
 from .cross_validation import record_errors

@@ -13,7 +13,7 @@ from ..checks.check_input import LEAST_SHARE
 from ..errors import InputError, counted, printable
 from ..model.window import Window
 from ..notices import Notice
-from ..records.fingerprint import Content
+from ..records.log import Content
 from .document import ROLES, SIMULATED, FileRole, Plan, Use
 from .looking import CandidateFile, Files, is_same_degc
 from .ocv import OcvChoice, Started, ocv_at, ocv_reason, started

@@ -109,7 +109,7 @@ def linearize(
     no number that can be squared.
     """
     from ..model.problem import errors_and_slopes, point_blocks
-    from ..search.refine import at_bound
+    from ..search.seeds import at_bound
 
     objective = problem.padded_objective()
     box = objective.coordinates

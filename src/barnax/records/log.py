@@ -24,7 +24,7 @@ NEXT_FILE = " + "
 # A log continues within so many intervals, and its files are sampled alike to within this factor.
 # This share of so many intervals on either side of the cut is no further from R0's step, which may
 # be off by so much.
-_INTERVALS, _ALIKE, _USUAL, _BESIDE, _OFF = 2.0, 1.5, 0.9, 300, 0.3
+_INTERVALS, _SAMPLED_ALIKE, _USUAL, _BESIDE, _OFF = 2.0, 1.5, 0.9, 300, 0.3
 
 
 def joined(sources: Sequence[Source]) -> Source:
@@ -98,7 +98,7 @@ def continuation(earlier: Record, later: Record) -> str:
     if headers[0] != headers[1] or not goes_on(earlier, later):
         return ""
     shortest_s, longest_s = np.quantile(earlier.interval_s, [0.02, 0.98])
-    is_alike = shortest_s / _ALIKE <= later.usual_s <= _ALIKE * longest_s
+    is_alike = shortest_s / _SAMPLED_ALIKE <= later.usual_s <= _SAMPLED_ALIKE * longest_s
     before, after = (one.segments(one.rest_current_a(one.span_ah)).loaded for one in pair)
     if not is_alike or not len(before) or not len(after):
         return ""

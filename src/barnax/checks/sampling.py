@@ -206,7 +206,8 @@ def find_rebuilt_clock(given: CheckInput) -> Iterator[Notice]:
     starts, ends = equal_runs(record.step, _FEWEST_IN_STEP)
     if len(starts) < 3:
         return
-    paces_s = [record.interval_s[a:b] for a, b in zip(starts, ends, strict=True)]
+    interval_s = record.interval_s
+    paces_s = [interval_s[a:b] for a, b in zip(starts, ends, strict=True)]
     low_s, high_s = (np.array([*map(end, paces_s)]) for end in (np.min, np.max))
     # Parquet and workbooks keep some 1e-11 of a stamp; text a millisecond, which is too coarse.
     is_even = high_s - low_s <= 1e-6 * high_s

@@ -21,7 +21,7 @@ from ..model.search_space import Range
 from .intervals import UNSEEN, Linearized, linearized, unsmoothed, with_penalty
 from .level import leveled, with_fitted_ocv
 from .objective import Solution, TableObjective
-from .problem import held_at, reduced_objective
+from .problem import box_of, held_at, reduced_objective
 
 # Columns of the voltage by the nuisances of all records, at the scored samples of one.
 Nuisances = Callable[[TableObjective, Solution, int], Float[np.ndarray, "samples nuisances"]]
@@ -207,7 +207,8 @@ def shared_offset(
     if any(map(reads_zero_at_rest, objective.prepared_records)):
         return None
     capacity_ah = objective.prepared_records[0].capacity_ah
-    lowest, highest = np.transpose([[axis.low, axis.high] for axis in objective.axes])
+    box = box_of(objective.prepared_records, objective.settings)
+    lowest, highest = np.log([*box.values()]).T
     sds = np.append(prior.ravel(), SD_PER_H * capacity_ah)
     as_given, ranges = objective, held_at(objective.ranges, best.log_scales)
     shifts, offset_a, least_v2 = np.zeros(prior.shape), 0.0, np.inf
@@ -219,12 +220,16 @@ def shared_offset(
     error_a = leaves = np.inf
     log_scales = np.array(best.log_scales)
     for number in range(ROUNDS):
-        ranges = held_at(objective.ranges, log_scales.tolist())
+        ranges = box if number == 1 else held_at(box, log_scales.tolist())
         moved = _without_offset(as_given, shifts, offset_a, ranges)
         if moved is None:
             return None
         objective = moved
         best = objective.solve(tuple(log_scales.tolist()))
+        # A slow pair may have stood for the offset, up to where no step leads back.
+        if number == 1:
+            best = polish(objective, best)
+            log_scales = np.array(best.log_scales)
         before, before_a = np.append(shifts.ravel(), offset_a), offset_a
         estimated = estimate(objective, best, _of_starts_and_offset, before, [sds])[0]
         log_scales = np.clip(log_scales + estimated.moved_scales, lowest, highest)

@@ -221,21 +221,26 @@ def _other_clocks(samples: Samples) -> Iterator[Witness]:
     By the median of many intervals, for a test may have paused, and steps begin anew.
     """
     table, time = samples.table, samples.columns["time"]
-    lines = np.arange(0, len(samples), 1 + len(samples) // (2 * _PAIRS))
+    apart = np.arange(0, len(samples), 1 + len(samples) // (2 * _PAIRS))
+    # Neighbors are of one step.
+    beside = np.arange(0, len(samples) - 1, 1 + len(samples) // (20 * _PAIRS))
+    beside = np.column_stack([beside, beside + 1]).ravel()
     for name, column in table.header.columns.items():
         if name not in ("date", "step time") or column.index == time.index:
             continue
-        if name == "step time":
-            if column.is_unit_assumed and not is_clock(table.columns[column.index]):
-                continue
-            lines = np.arange(len(samples))
-        other_s = numbers(table.columns[column.index].gather(samples.at[lines]), column)
+        cells, is_step = table.columns[column.index], name == "step time"
+        if is_step and column.is_unit_assumed and not is_clock(cells):
+            continue
+        lines = beside if is_step else apart
+        other_s = numbers(cells.gather(samples.at[lines]), column)
         lag, least_s, later_s = 1, 0.0, np.diff(other_s)
-        if name == "date" and np.any(later_s > 0):
+        if not is_step and np.any(later_s > 0):
             least_s = _DATED_S
             lag += int(least_s / np.median(later_s[later_s > 0]))
-        later_s = other_s[lag:] - other_s[:-lag]
-        apart_s = samples.time_s[lines][lag:] - samples.time_s[lines][:-lag]
+        stride = 2 if is_step else 1
+        later_s, apart_s = (
+            values[lag::stride] - values[:-lag:stride] for values in (other_s, samples.time_s[lines])
+        )
         moved = (apart_s > 0) & (later_s > least_s)
         if moved.sum() < 2:
             continue

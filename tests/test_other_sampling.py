@@ -12,7 +12,7 @@ from barnax.cell import CircuitParameters, characterize
 from barnax.cell.parameters import RATE
 from barnax.model.prepared import prepare_record
 from barnax.model.reference import simulate_circuit
-from barnax.model.sampling import resampling, source_shift_ohm
+from barnax.model.sampling import resampled_share, resampling, source_shift_ohm
 from barnax.model.window import Window
 from barnax.over_soc.fits import TableFits
 from barnax.over_soc.node_interval import NodeInterval
@@ -101,6 +101,18 @@ def test_the_other_sampling_moves_r0_and_the_pairs_as_a_regression_does(hold, ot
     assert change.r0_ohm == pytest.approx(shift_ohm, rel=1e-9)
     shares = {name: r - 1 for name, (_, r) in zip(("R1 [Ohm]", "R2 [Ohm]"), moved, strict=True)}
     assert change.shares == pytest.approx(shares, rel=1e-9)
+
+
+@pytest.mark.parametrize(("hold", "share"), [("forward", 8 / 9), ("backward", 9 / 8)])
+def test_a_slow_log_counts_other_charge_with_the_other_sampling(hold, share):
+    # 2 x 20 + 1 x 30 + 2 x 10 As, or 1 x 20 + 2 x 30.
+    frame = {"Time [s]": [0, 20, 50, 60, 70], "Current [A]": [2.0, 1.0, 2.0, 0.0, 0.0]}
+    record = record_from_frame(
+        {**frame, "Voltage [V]": [4.0, 3.95, 3.8, 3.9, 3.9]}, current_hold=hold
+    )
+    assert resampled_share(record) is None
+    assumed = replace(record, hold=replace(record.hold, strength="assumed"))
+    assert resampled_share(assumed) == pytest.approx(share)
 
 
 @pytest.mark.parametrize(("hold", "other"), [("forward", "backward"), ("backward", "forward")])

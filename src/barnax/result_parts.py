@@ -17,6 +17,7 @@ from .cell.model import SAME_DEGC
 from .cell.soc_axis import is_above
 from .errors import choices_in
 from .global_optimum.search import GlobalOptimum
+from .model.sampling import resampled_share
 from .model.start import Start
 from .model.window import Window
 from .over_soc.cross_validation import SocErrors
@@ -171,6 +172,8 @@ class InputPart(Part):
             (discharge positive) and voltage, in s, A and V.
         sign: The sign of its current, and why.
         hold: When a sample's current flows, and why.
+        resampled_share: Where that is only assumed, the charge that the record would span with the
+            other sampling, as a share of what it does.
         voltage_lag_s: By how much its voltage is older than the current in its row.
         window: The part that was simulated.
         start: Where and from which SOC, and why.
@@ -189,6 +192,7 @@ class InputPart(Part):
     fingerprint: str = ""
     sign: Decision | None = None
     hold: Decision | None = None
+    resampled_share: float | None = None
     voltage_lag_s: float = 0.0
     window: Window | None = None
     start: Start | None = None
@@ -225,6 +229,7 @@ class InputPart(Part):
                 "soc_range": (float(soc.min()), float(soc.max())),
                 "temperature_degc": prepared.temperature_degc,
                 "peak_current_a": float(np.abs(prepared.current_a).max()),
+                "resampled_share": resampled_share(prepared.record),
             }
         )
 

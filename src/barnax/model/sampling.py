@@ -7,13 +7,13 @@ before it; between these where it is a share of both.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..cell import CircuitParameters
 from ..cell.elements import rungs_of
-from ..records import Hold
+from ..records import Hold, Record
 from ..records.record import EARLIER_SHARE
 from .exponentials import AT_ONCE
 from .prepared import PreparedRecord
@@ -33,6 +33,16 @@ SHORT = 0.15
 def other_sampling(sampling: str) -> Hold:
     """The sampling that is tried beside one that is assumed."""
     return "backward" if sampling == "forward" else "forward"
+
+
+def resampled_share(record: Record) -> float | None:
+    """The charge that a record would span with the other sampling, as a share of what it does; None
+    where its sampling is not only assumed."""
+    hold = record.hold
+    if hold.strength != "assumed" or not record.span_ah:
+        return None
+    other = replace(record, hold=replace(hold, value=other_sampling(hold.value)))
+    return other.span_ah / record.span_ah
 
 
 @dataclass(frozen=True)

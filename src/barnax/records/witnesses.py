@@ -237,9 +237,9 @@ def _other_clocks(samples: Samples) -> Iterator[Witness]:
         if not is_step and np.any(later_s > 0):
             least_s = _DATED_S
             lag += int(least_s / np.median(later_s[later_s > 0]))
-        stride = 2 if is_step else 1
+        time_s, stride = samples.time_s[lines], 2 if is_step else 1
         later_s, apart_s = (
-            values[lag::stride] - values[:-lag:stride] for values in (other_s, samples.time_s[lines])
+            values[lag::stride] - values[:-lag:stride] for values in (other_s, time_s)
         )
         moved = (apart_s > 0) & (later_s > least_s)
         if moved.sum() < 2:

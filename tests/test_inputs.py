@@ -11,9 +11,11 @@ from barnax.checks import FileCheck, check_file
 from barnax.checks.roles import are_unfit
 from barnax.errors import InputError
 from barnax.inputs import (
+    InputFile,
     input_warnings,
     read_inputs,
-    read_validation,
+    source_of,
+    warnings_about,
     windows_of,
 )
 from barnax.job import Job
@@ -108,8 +110,9 @@ def test_a_record_to_validate_on_is_checked_too(tmp_path, bundled_cell):
     doubled = pl.concat([table.head(40), table[39:]])
     doubled.write_parquet(tmp_path / "twice.parquet")
     path = tmp_path / "twice.parquet"
-    record, warnings = read_validation(path, Reading(), lambda _: None, bundled_cell)
-    found = {(each.subject, each.row) for each in (*warnings, *record.notes)}
+    file = InputFile.of(source_of(path, {}, Reading()), "validation", Reading())
+    warnings = warnings_about([file], bundled_cell, None, None, Reading())
+    found = {(each.subject, each.row) for each in (*warnings, *file.content.notes)}
     assert ("twice.parquet", 42) in found
 
 

@@ -16,6 +16,7 @@ from .cell import make_circuit as make_circuit
 from .cell import read_ocv_table as read_ocv_table
 from .checks import FileCheck as FileCheck
 from .checks import check_file as check_file
+from .comparison import ComparisonJob as ComparisonJob
 from .comparison import ComparisonResult as ComparisonResult
 from .comparison import compare as compare
 from .comparison.run import compare_files as compare_files

@@ -3,10 +3,12 @@
 import re
 import textwrap
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from itertools import islice
-from typing import Any, Literal, get_args, get_origin
+from typing import Any, Literal, TypeVar, get_args, get_origin
 
+Value = TypeVar("Value")
 # The code of a refusal that has none of its own.
 REFUSED = "input.refused"
 
@@ -28,6 +30,30 @@ class InputError(ValueError):
     def code(self) -> str:
         """The code of its notice, `REFUSED` where it has none."""
         return self.notice.code if self.notice else REFUSED
+
+
+@contextmanager
+def naming(subject: str, spelled: Callable[[str], str] = str) -> Iterator[None]:
+    """Put what a refusal is about before it, such as a file, and its words as they are `spelled`
+    there."""
+    try:
+        yield
+    except InputError as refusal:
+        head = f"{subject}: " if subject else ""
+        raise InputError(f"{head}{spelled(str(refusal))}") from refusal
+
+
+def attempt(make: Callable[..., Value], *given: Any, **options: Any) -> Value | InputError:
+    """What a function makes of its arguments, or why it refuses them, as a value: for rules that
+    ask whether something can serve, and have another candidate where it cannot.
+
+    >>> attempt(require_choice, "chemistry", "nca", ("nmc", "lfp"))
+    InputError("`chemistry` 'nca' is not known; there are nmc, lfp")
+    """
+    try:
+        return make(*given, **options)
+    except InputError as refusal:
+        return refusal
 
 
 def installing(extra: str) -> str:

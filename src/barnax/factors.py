@@ -18,7 +18,7 @@ from jaxtyping import Float, Int
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from .cell.parameters import require_nodes
-from .errors import InputError, printable
+from .errors import InputError, naming, printable
 from .files import fetched
 from .model.layout import Layout
 from .model.reduced import Reduced
@@ -140,9 +140,10 @@ def read_factors(path: str | Path) -> list[RecordFactors]:
     """
     content = fetched(path, LARGEST_FILE)
     try:
-        return _parsed(content)
-    except InputError as problem:
-        raise InputError(f"{path}: {problem}") from problem
+        with naming(str(path)):
+            return _parsed(content)
+    except InputError:
+        raise
     except zipfile.BadZipFile as problem:
         raise InputError(f"{path}: is no factor file; give one that a fleet kept") from problem
     except _BROKEN as problem:

@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
@@ -16,7 +16,7 @@ from .checks import FileCheck, check_file
 from .checks.against_cell import compare_temperatures, compare_with_cell
 from .checks.roles import Kind, require_load
 from .checks.sampling import OF_R0
-from .errors import InputError, printable
+from .errors import InputError, attempt, printable
 from .job import Job, window_of, windows_by_name
 from .model.window import Windows, first_sample, group_tests, scored_samples, temperature_of
 from .notices import Notice, raise_first_error
@@ -48,7 +48,7 @@ class Inputs:
 
 
 @dataclass(frozen=True, eq=False)
-class _File:
+class InputFile:
     """A record or table in its role, with the source that it was read from, if it was."""
 
     role: str
@@ -89,12 +89,7 @@ def read_inputs(
         given = dict(zip(given, bundled, strict=True))
     is_fitted = not given["OCV test"] and job.cell is None
     with job.watch("Reading records", 0):
-        named, called = file_names(itertools.chain(*given.values())), dict[str, int]()
-        files = [
-            _File.of(named_source(item, role, named, called, job), role, job)
-            for role, several in given.items()
-            for item in several
-        ]
+        files = read_files(given, job)
         loggers = loggers_of(file.content for file in files)
         sources = [file.source for file in files if file.source]
         loggers |= {one.logger.header: one.logger for one in sources if one.logger}
@@ -110,8 +105,18 @@ def read_inputs(
     with job.watch("Characterizing the cell", 0):
         fitted_ocv = without_test(job, records) if is_fitted else None
         cell = fitted_ocv.cell if fitted_ocv else job.cell or _characterized(tests, job)
-    warnings = [] if is_bundled else _checked(files, cell, job.given_ah, job.window, job)
+    warnings = [] if is_bundled else warnings_about(files, cell, job.given_ah, job.window, job)
     return Inputs(records, tests, validation, cell, tuple(warnings), fitted_ocv)
+
+
+def read_files(given: Mapping[str, Sequence[Given]], reading: Reading) -> list[InputFile]:
+    """Every file, frame or record in its role, read once, each under a name of its own."""
+    named, called = file_names(itertools.chain(*given.values())), dict[str, int]()
+    return [
+        InputFile.of(named_source(item, role, named, called, reading), role, reading)
+        for role, several in given.items()
+        for item in several
+    ]
 
 
 def _characterized(tests: Sequence[Record | OcvTable], job: Job) -> CellModel:
@@ -120,19 +125,24 @@ def _characterized(tests: Sequence[Record | OcvTable], job: Job) -> CellModel:
     rest_a = window_of(job.window, "").rest_current_a
     options: dict[str, Any] = {"capacity_ah": job.given_ah, "rest_current_a": rest_a}
     options |= job.of_curves
-    if job.over == OVER_TEMPERATURE and (by_degc := group_tests(tests, job.window)):
-        return characterize_over_temperature(by_degc, **options)
-    try:
-        return characterize(tests, **options)
-    except InputError:
-        with suppress(InputError):
-            if by_degc := group_tests(tests, job.window):
-                return characterize_over_temperature(by_degc, **options)
-        raise
+
+    def over_temperature() -> CellModel | None:
+        by_degc = group_tests(tests, job.window)
+        return characterize_over_temperature(by_degc, **options) if by_degc else None
+
+    if job.over == OVER_TEMPERATURE:
+        return over_temperature() or characterize(tests, **options)
+    cell = attempt(characterize, tests, **options)
+    if isinstance(cell, CellModel):
+        return cell
+    several = attempt(over_temperature)
+    if isinstance(several, CellModel):
+        return several
+    raise cell
 
 
-def _checked(
-    files: Sequence[_File],
+def warnings_about(
+    files: Sequence[InputFile],
     cell: CellModel,
     capacity_ah: float | None,
     window: Windows,
@@ -206,28 +216,6 @@ def telling(warnings: Sequence[Notice]) -> Iterator[None]:
         refusal = InputError("\n".join((str(problem), *(f"warning: {each}" for each in warnings))))
         refusal.notice = problem.notice
         raise refusal from problem
-
-
-def read_validation(
-    given: Given,
-    reading: Reading,
-    choose: Callable[[Record], Windows],
-    cell: CellModel,
-    identified: Measured = (),
-) -> tuple[Record, list[Notice]]:
-    """A record to validate a cell's circuit on, and what the checks have against it.
-
-    `choose` gives the window of what is read. `identified` are names and temperatures of the
-    records that the circuit is of.
-    """
-    if isinstance(given, Record):
-        return given, []
-    source = source_of(given, {}, reading)
-    require_records(reading.lags_s, {source.name})
-    file = _File.of(source, "validation", reading)
-    require_voltages([file.content])
-    window = choose(file.content)
-    return file.content, _checked([file], cell, None, window, reading, identified)
 
 
 def source_of(

@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ParamSpec, Self, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Any, Literal, ParamSpec, Self, TypeVar, get_type_hints
 
 from .cell import CellModel, get_circuit
 from .display import brief
@@ -19,8 +19,14 @@ from .execution import Watch, unwatched
 from .model.search_space import GivenRanges, Range
 from .model.window import Window, Windows
 from .over_soc.settings import TableSettings
-from .records import Given
+from .records import Given, Hold
+from .schema import Unstored
 from .settings import CellSettings, Reading, Scope, Settings, TableOptions
+
+# What a file of a folder serves for.
+Use = Literal["identification", "OCV test", "validation", "not used"]
+# What has a window.
+SIMULATED: tuple[Use, ...] = ("identification", "validation")
 
 Asked = ParamSpec("Asked")
 Value = TypeVar("Value")
@@ -170,6 +176,45 @@ def window_of(window: Windows, name: str) -> Window:
     """The window of a record: that of its name, else the common one."""
     windows = windows_by_name(window)
     return windows.get(name, windows.get("")) or Window()
+
+
+@dataclass(frozen=True, kw_only=True)
+class FileRole:
+    """A file, or a part of one, and what it serves for: in a plan, and as a result keeps it.
+
+    `kind` says what it is: a drive cycle, a pulse test, unreadable and so on, and `plans_soc` that
+    its SOC at the start is the plan's own, and not given. The others are a plan's alone. `window`
+    is that of a simulation, for identification and validation. `span_s` cuts a file that holds
+    several tests, on its own clock. `source` is what was read of the file, if it was, and `sha256`
+    the file's digest, if known; that of a log that was cut into several files, of which `more` are
+    the further ones, holds those of all.
+    `sampling` is the hold of its current that the steps of a designed test show; it is that of all
+    files with the same columns, as one logger's is.
+    """
+
+    name: str
+    role: Use
+    kind: str = ""
+    reason: str = ""
+    temperature_degc: float | None = None
+    plans_soc: bool = False
+    path: Unstored[Path] = Path()
+    window: Unstored[Window] = field(default_factory=Window)
+    span_s: Unstored[tuple[float, float] | None] = None
+    source: Unstored[Given] = field(default=None, repr=False, compare=False)
+    sha256: Unstored[str] = ""
+    sampling: Unstored[Hold | None] = None
+    more: Unstored[tuple[Path, ...]] = ()
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """All files of its log."""
+        return (self.path, *self.more)
+
+    @property
+    def is_simulated(self) -> bool:
+        """True if its role is one with a window."""
+        return self.role in SIMULATED
 
 
 # The options of `identify` with their types.

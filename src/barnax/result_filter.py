@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
 
 import numpy as np
 
@@ -10,7 +9,7 @@ from .cell.parameters import OCV_CORRECTION
 from .errors import InputError, require_choice
 from .filters import Kind
 from .filters.model import CAPACITY, GRID, OFFSET, ErrorModel, FilterModel, make_model
-from .inputs import read_validation, source_of
+from .inputs import InputFile, require_records, require_voltages, source_of, warnings_about
 from .model.window import Window, merged
 from .notices import Notice
 from .over_soc.registration import FULL_SD
@@ -86,9 +85,12 @@ def read_for(
 ) -> tuple[Record, Window, list[Notice]]:
     """A record for a result's circuit, its window, and what the checks have against it."""
     source = given if isinstance(given, Record) else source_of(given, {}, reading)
-    choose = cache(partial(window_of, result, source=source, reading=reading, chosen=chosen))
-    record, warnings = read_validation(source, reading, choose, result.cell, result.measured_at)
-    return record, choose(record), warnings
+    require_records(reading.lags_s, {source.name})
+    file = InputFile.of(source, "validation", reading)
+    require_voltages([file.content])
+    window = window_of(result, file.content, source, reading, chosen)
+    warnings = warnings_about([file], result.cell, None, window, reading, result.measured_at)
+    return file.content, window, warnings
 
 
 def axis_sd_of(result: Result, capacity_ah: float) -> float:

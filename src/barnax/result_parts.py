@@ -37,8 +37,6 @@ VERSIONED = ("barnax", "jax", "jaxlib", "numpy", "optimistix", "equinox", "scipy
 # A state of charge; a record may run beyond full and empty, but not far.
 Soc = Annotated[float, Field(ge=-10, le=10)]
 CircuitName = Annotated[str, AfterValidator(lambda name: get_circuit(name).name)]
-# What a file of a folder serves for.
-Use = Literal["identification", "OCV test", "validation", "not used"]
 
 
 def scored_errors(
@@ -273,18 +271,6 @@ class InputPart(Part):
         """True for a record of this temperature, as far as one is told from another."""
         degc = self.temperature_degc
         return degc is not None and abs(degc - temperature_degc) <= SAME_DEGC
-
-
-class PlannedFile(Part):
-    """A file of a folder, what a plan found it to be, what it serves for, and why; `plans_soc` says
-    that its SOC at the start is the plan's own, and not given."""
-
-    name: str
-    role: Use
-    kind: str
-    reason: str
-    temperature_degc: float | None = None
-    plans_soc: bool = False
 
 
 class ConstantPart(Part):

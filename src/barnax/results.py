@@ -14,13 +14,14 @@ from pydantic import Field, PrivateAttr, model_validator
 from .cell import CellModel, CircuitParameters
 from .display import hook
 from .errors import InputError
+from .job import FileRole
 from .model.start import Start
 from .model.window import Window
 from .over_soc.fit import TableFit
 from .over_soc.fits import TableFits
 from .over_soc.settings import table_name
 from .pulses import Pulse
-from .result_parts import Candidate, CircuitName, ConstantPart, InputPart, MetricsBlock, PlannedFile
+from .result_parts import Candidate, CircuitName, ConstantPart, InputPart, MetricsBlock
 from .schema import Document, NoticeField
 from .search.answers import AtBound
 from .search.evaluate import Evaluation, Evaluations
@@ -72,7 +73,7 @@ class Result(Document):
     pulses: tuple[Pulse, ...] = ()
     cell: CellModel
     inputs: tuple[InputPart, ...] = Field(min_length=1)
-    plan: tuple[PlannedFile, ...] = ()
+    plan: tuple[FileRole, ...] = ()
     notes: tuple[NoticeField, ...] = ()
     warnings: tuple[NoticeField, ...]
     versions: dict[str, str]

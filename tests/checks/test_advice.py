@@ -9,7 +9,7 @@ import pytest
 import barnax
 from barnax.cli.options import windows_of
 from barnax.errors import InputError
-from barnax.inputs import read_inputs, read_validation
+from barnax.inputs import InputFile, read_inputs, require_voltages, warnings_about
 from barnax.job import Job
 from barnax.records import source_from_frame
 from barnax.settings import Reading
@@ -114,7 +114,9 @@ def test_what_check_knows_is_told_of_every_record_with_what_mends_it(name, role,
     else:
         source = source_from_frame(table, "cell")
         try:
-            texts = map(str, read_validation(source, Reading(), lambda _: None, bundled_cell)[1])
+            file = InputFile.of(source, "validation", Reading())
+            require_voltages([file.content])
+            texts = map(str, warnings_about([file], bundled_cell, None, None, Reading()))
         except InputError as problem:
             texts = [str(problem)]
     (text,) = [each for each in texts if what in each]

@@ -41,7 +41,9 @@ def test_one_folder_comes_out_with_a_result_that_times_every_row_and_a_screen(co
     assert all(timings[f"{row.name} [s]"] >= 0 for row in result.rows)
     assert [row.name for row in result.rows] == ["ls 1rc", "varpro 1rc"]
     assert str(folder) not in result.to_json()
-    assert max(map(len, outcome.out.splitlines())) <= 80
+    *screen, written = outcome.out.splitlines()
+    assert max(map(len, screen)) <= 80
+    assert written.split()[:-2] == [f"{folder}/report.html", "comparison.json", "figures"]
     for part in ("Parameters", "Search", "lowest RMSE", "varpro 1rc"):
         assert part in " ".join(outcome.out.split())
 

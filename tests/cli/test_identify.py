@@ -199,8 +199,8 @@ def test_the_next_step_is_an_option_beside_the_plan_of_the_run(
     monkeypatch.chdir(tmp_path)
     step = Next("compute intervals of the parameters", {"trust": "basic"})
     monkeypatch.setattr("barnax.reporting.first_screen.next_step", lambda _: step)
-    plan = Plan("identify", (FileRole(Path(file), file, "identification"),))
-    result, run = Result.from_json(golden.RESULT), Output().begun("out")
+    plan = Plan("identify", (FileRole(path=Path(file), name=file, role="identification"),))
+    result, run = Result.from_json(golden.RESULT), Output().begun("out", with_jax=False)
     run.written = {"plan.toml"}
     advice, shown = command._next(result, run, plan, Path("d"))
     assert shown == expected
@@ -225,9 +225,12 @@ def test_a_record_is_identified_on_too_by_a_command_that_runs(
     step = Next("identify on c.csv too", also="c.csv")
     monkeypatch.setattr("barnax.reporting.first_screen.next_step", lambda _: step)
     roles = {"a.csv": "identification", "o.csv": "OCV test", "c.csv": "validation", "n": "not used"}
-    parts = [FileRole(Path("d") / name, name, role, reason=reason) for name, role in roles.items()]
+    parts = [
+        FileRole(path=Path("d") / name, name=name, role=role, reason=reason)
+        for name, role in roles.items()
+    ]
     parts[0] = replace(parts[0], more=(Path("d/b.csv"),))
     chosen = Plan("identify", tuple(parts), {"capacity": 2.0}, {"capacity": "measured"})
     plan = chosen.changed(barnax.Window(**common), **given)
-    result, run = Result.from_json(golden.RESULT), Output().begun("out")
+    result, run = Result.from_json(golden.RESULT), Output().begun("out", with_jax=False)
     assert command._next(result, run, plan, None) == (step.advice, shown)

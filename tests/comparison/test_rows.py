@@ -8,7 +8,7 @@ from scipy.optimize import differential_evolution
 
 from barnax.baselines import Budget
 from barnax.bundled import BUNDLED
-from barnax.comparison import ComparisonResult, compare
+from barnax.comparison import ComparisonJob, ComparisonResult, compare
 from barnax.comparison.result import errors_by_soc
 from barnax.errors import InputError
 from barnax.model.window import Window
@@ -28,8 +28,8 @@ def validation():
 
 @pytest.fixture(scope="module")
 def comparison(bundled_record, bundled_cell, validation):
-    given = {"validation": [validation], "window": WINDOW, "budget": BUDGET}
-    return compare(bundled_record, bundled_cell, ROWS, **given)
+    job = ComparisonJob(rows=ROWS, window=WINDOW, **vars(BUDGET))
+    return compare(bundled_record, bundled_cell, job, [validation])
 
 
 def row_of(comparison, name):
@@ -92,8 +92,9 @@ def test_seeds_are_paired_where_a_row_has_them_and_on_the_identification_record(
 @pytest.mark.slow
 def test_bounds_go_to_the_models_that_have_the_parameter(bundled_record, bundled_cell):
     rows = [("so-rc", "varpro"), ("3rc", "ls")]
-    box = {"bounds": {"R3 [Ohm]": (0.001, 0.002)}, "fixed": {"R0 [Ohm]": 0.06}}
-    compared = compare(bundled_record, bundled_cell, rows, window=WINDOW, **box)
+    box = {"bounds": {"R3 [Ohm]": (0.001, 0.002)}, "fix": {"R0 [Ohm]": 0.06}}
+    job = ComparisonJob(rows=rows, window=WINDOW, **box)
+    compared = compare(bundled_record, bundled_cell, job)
     assert compared.rows[0].median.parameters.r0 == pytest.approx(0.06)
     assert compared.rows[1].problem.bounds.ranges["R3 [Ohm]"] == (0.001, 0.002)
 
@@ -116,8 +117,8 @@ def test_the_file_gives_back_the_result_exactly(comparison, tmp_path):
 
 
 def test_a_comparison_repeats_to_the_same_bytes(bundled_record, bundled_cell):
-    given = {"window": WINDOW, "budget": BUDGET}
-    first, again = (compare(bundled_record, bundled_cell, ROWS[2:4], **given) for _ in range(2))
+    job = ComparisonJob(rows=ROWS[2:4], window=WINDOW, **vars(BUDGET))
+    first, again = (compare(bundled_record, bundled_cell, job) for _ in range(2))
     assert first.to_json() == again.to_json()
 
 
@@ -132,9 +133,10 @@ def test_seeds_that_stop_after_different_generations_are_stored(
         return differential_evolution(*given, maxiter=maxiter - 10 * next(turns), **more)
 
     monkeypatch.setattr("barnax.baselines.searches.differential_evolution", sooner)
-    given = {"fixed": {"R1 [Ohm]": 0.02, "tau1 [s]": 20.0}, "window": WINDOW}
-    given["budget"] = Budget(population=5, iterations=60, seeds=3)
-    compared = compare(bundled_record, bundled_cell, [("1rc", "de")], **given)
+    given = {"fix": {"R1 [Ohm]": 0.02, "tau1 [s]": 20.0}, "window": WINDOW}
+    given |= {"population": 5, "iterations": 60, "seeds": 3}
+    job = ComparisonJob(rows=[("1rc", "de")], **given)
+    compared = compare(bundled_record, bundled_cell, job)
     path = tmp_path / "comparison.json"
     path.write_text(compared.to_json())
     result = ComparisonResult.from_json(path)

@@ -54,12 +54,12 @@ def planned(folder, plan):
     return _earlier(folder)
 
 
-OCV_TESTS = tuple(FileRole(path, path.name, "OCV test") for path in BUNDLED.ocv)
+OCV_TESTS = tuple(FileRole(path=path, name=path.name, role="OCV test") for path in BUNDLED.ocv)
 
 
 def test_the_test_s_record_is_identified_with_the_records_and_tests_that_counted(design, tmp_path):
-    record = FileRole(BUNDLED.record, "identification.parquet", "identification")
-    others = FileRole(BUNDLED.validation, "validation.parquet", "validation")
+    record = FileRole(path=BUNDLED.record, name="identification.parquet", role="identification")
+    others = FileRole(path=BUNDLED.validation, name="validation.parquet", role="validation")
     options = {"model": "so-rc", "capacity": 2.2}
     of_all = Window(score_to_s=9.0, temperature_degc=25.0)
     parts = record, *OCV_TESTS, others
@@ -85,7 +85,7 @@ def test_the_test_s_record_is_identified_with_the_records_and_tests_that_counted
 
 
 def test_a_pulse_test_that_counted_is_the_ocv_test_too(design, tmp_path):
-    pulses = FileRole(BUNDLED.hppc[1], "hppc.parquet", "identification")
+    pulses = FileRole(path=BUNDLED.hppc[1], name="hppc.parquet", role="identification")
     plan = plan_after(design, planned(tmp_path, Plan("hppc", (pulses,))), None)
     assert plan.command == "identify"
     assert [part.path for part in plan.of_role("OCV test")] == [BUNDLED.hppc[1]]
@@ -238,9 +238,10 @@ def test_a_plan_is_told_the_sampling_of_its_one_record_where_the_test_s_steps_sh
         np.savetxt(tmp_path / name, rows, delimiter=",", header=head, comments="")
 
     def of(name, **options):
-        own = FileRole(tmp_path / name, name, "identification")
+        own = FileRole(path=tmp_path / name, name=name, role="identification")
         others = [
-            FileRole(tmp_path / "other.csv", "o", role) for role in ("OCV test", "validation")
+            FileRole(path=tmp_path / "other.csv", name="o", role=role)
+            for role in ("OCV test", "validation")
         ]
         plan = _sampled_by(design, Plan("identify", (own, *others), options))
         return [part.sampling for part in plan.parts]

@@ -95,7 +95,10 @@ def test_a_plan_is_the_same_table_whatever_a_file_is_called(examples):
     def survive(name: str) -> None:
         shown = printable(name)
         window = Window(initial_soc=1.0)
-        part = FileRole(Path(name), shown, "validation", name, name, window, (0.0, 1.0))
+        part = FileRole(
+            path=Path(name), name=shown, role="validation", kind=name, reason=name, window=window,
+            span_s=(0.0, 1.0),
+        )  # fmt: skip
         plan = Plan("identify", (part,), {"columns": shown}, {"columns": name}, name)
         try:
             text = plan_to_toml(plan)

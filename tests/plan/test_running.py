@@ -79,8 +79,13 @@ def test_the_sampling_that_a_design_shows_is_of_its_own_logger_alone(tmp_path):
     record.write_csv(tmp_path / "test.csv")
     ocv.write_csv(tmp_path / "ocv.csv")
     parts = (
-        FileRole(tmp_path / "test.csv", "test.csv", "identification", sampling="backward"),
-        FileRole(tmp_path / "ocv.csv", "ocv.csv", "OCV test"),
+        FileRole(
+            path=tmp_path / "test.csv",
+            name="test.csv",
+            role="identification",
+            sampling="backward",
+        ),
+        FileRole(path=tmp_path / "ocv.csv", name="ocv.csv", role="OCV test"),
     )
     path = tmp_path / "plan.toml"
     path.write_text(plan_to_toml(Plan("identify", parts)))

@@ -9,10 +9,10 @@ from pathlib import Path
 import barnax
 
 from .. import reporting
-from ..errors import InputError, require_choice
+from ..errors import InputError
 from .options import Given, group, options_of, options_of_job
 from .output import DEFAULT_FOLDER, Output, drawn_files
-from .session import Session, shown
+from .session import Session
 
 # Sections of the report that a terminal shows unless everything is asked for.
 SHOWN = {*("Circuits", "Verdict", "Parameters", "Search"), *("Identification", "Validation")}
@@ -51,16 +51,10 @@ def compare(options: Comparing) -> None:
     Without arguments, it runs the paper's five rows on the bundled cell.
     """
     record, run = options.record, options.output.begun(DEFAULT_FOLDER)
-    run.load_jax()
-    from ..cell import get_circuit
     from ..comparison import PAPER_ROWS
-    from ..comparison.run import ComparisonJob
 
     rows = chosen_rows(options.models, options.methods, PAPER_ROWS)
-    for model, method in rows:
-        get_circuit(model, "models")
-        require_choice("methods", method, barnax.METHODS)
-    job = ComparisonJob(
+    job = barnax.ComparisonJob(
         [record] if record else [], **options_of_job(options.job), rows=rows, watch=run.watch
     )
     plan = barnax.plan.plan_of(job)
@@ -87,9 +81,7 @@ def compare(options: Comparing) -> None:
         document = replace(document, sections=tuple(sections))
     run.show_document(document)
     run.warn(result.warnings)
-    if run.folder is not None:
-        name = "report.html" if "report.html" in run.written else "comparison.json"
-        run.show([f"\nThe results are in [bold]{shown(run.folder)}/{name}[/bold]."])
+    run.show_written(["report.html", "comparison.json", "figures"])
 
 
 def chosen_rows(

@@ -75,8 +75,7 @@ def design(cell: Cell, test: Test, output: Output) -> None:
     the steps as CSV, as a profile, as a PyBaMM experiment and as text for a
     cycler's editor, with the intervals that they are predicted to reach.
     """
-    run = output.begun("barnax-design", [] if cell.result is None else [cell.result])
-    run.load_jax()
+    run = output.begun("barnax-design", *filter(None, [cell.result]))
     from ..experiment.prior import prior_of
 
     with run.watch("Looking at the records"):
@@ -142,7 +141,7 @@ def plan_after(
     counted = [part for part in earlier.parts if test.earlier or part.role == "OCV test"]
     is_open = bool(counted and test.earlier and test.start_v)
     start = Window(initial_soc=None if is_open else test.initial_soc)
-    designed = FileRole(Path(RECORD), RECORD, "identification", window=start)
+    designed = FileRole(path=Path(RECORD), name=RECORD, role="identification", window=start)
     if capacity_ah is None and not counted:
         capacity_ah = test.capacity_ah
     return replace(earlier, parts=(designed, *counted)).changed(None, capacity=capacity_ah)

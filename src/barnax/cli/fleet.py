@@ -265,7 +265,8 @@ def life(given: LifeOptions, output: Output) -> None:
     guessed.
     """
     dataset = given.dataset
-    run = output.begun("barnax-life", [] if is_address(dataset) else [Path(dataset)])
+    inputs = [] if is_address(dataset) else [Path(dataset)]
+    run = output.begun("barnax-life", *inputs, with_jax=False)
     with run.watch("Fitting trends"):
         from ..fleet.summary import read_fleet
         from ..life import life_of

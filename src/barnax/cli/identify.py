@@ -84,7 +84,6 @@ def identify(options: Identification, on: Records) -> None:
 def _fit_factors(options: Identification, paths: list[Path]) -> None:
     """Tables of records of which only factors were kept, on the screen; files of `out` if given."""
     run = options.output.begun(None)
-    run.load_jax()
     from ..factors import read_factors
     from ..over_soc.fits import TableFits
     from ..over_soc.record_factors import fit_factors
@@ -134,8 +133,7 @@ def _run(
     named = [*options.job.get("ocv", ()), *options.job.get("validate", ())]
     # A name may be that of a file in the folder.
     inputs = [path for path in named if not any((each / path).exists() for each in records)]
-    run = options.output.begun(DEFAULT_FOLDER, [*records, *inputs])
-    run.load_jax()
+    run = options.output.begun(DEFAULT_FOLDER, *records, *inputs)
     promise = None if options.design is None else barnax.Design.load(options.design)
     if run.folder is not None:
         # Drawing needs modules that take a while to load, and waits for the search anyhow.
@@ -287,8 +285,7 @@ def pack(on: OfPack, output: Output) -> None:
     """
     if "validate" in on.job:
         raise InputError("`validate` does nothing for a pack, whose record is the only one")
-    run = output.begun("barnax-pack", [on.record, *on.job.get("ocv", ())])
-    run.load_jax()
+    run = output.begun("barnax-pack", on.record, *on.job.get("ocv", ()))
     given = {name: value for name, value in options_of_job(on.job).items() if name != "over"}
     of_cells = {"cells": on.cells, "separate_time_constants": on.separate_time_constants}
     identified = barnax.identify_pack(on.record, **of_cells, **given, watch=run.watch)

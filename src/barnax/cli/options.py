@@ -21,7 +21,7 @@ from typing import Any, NamedTuple, dataclass_transform, get_args, get_type_hint
 import typer
 from typer.core import TyperCommand
 
-from ..errors import InputError, choices_in
+from ..errors import InputError, choices_in, naming
 from ..files import restore
 from ..settings import (
     WINDOW_OPTIONS,
@@ -313,10 +313,8 @@ def windows_of(given: Given) -> dict[str, Window]:
         kept = common
         if of_record.keys() & {"start_time_s", "start_after_step"}:
             kept = {key: common[key] for key in common if not key.startswith("start")}
-        try:
+        with naming(name):
             windows[name] = Window(**(kept | of_record))
-        except InputError as problem:
-            raise InputError(f"{name}: {problem}" if name else str(problem)) from problem
     return windows
 
 

@@ -52,9 +52,10 @@ class Output:
     verbose: bool = False
     quiet: bool = False
 
-    def begun(self, default: str | None, inputs: Iterable[Path] = ()) -> "Delivery":
-        """The run of a command. Raises `InputError` where an input is missing, or results cannot go
-        to their folder; without a default there is one only where it is given."""
+    def begun(self, default: str | None, *inputs: Path, with_jax: bool = True) -> "Delivery":
+        """The run of a command, which loads JAX if it computes `with_jax`. Raises `InputError`
+        where an input is missing, or results cannot go to their folder; without a default there is
+        one only where it is given."""
         for path in inputs:
             require_there(path)
         folder = self.out or (None if self.as_json or default is None else Path(default))
@@ -62,6 +63,8 @@ class Output:
         if folder is not None:
             require_free(folder, self.force)
             tell_unfinished(run, folder.resolve().parent)
+        if with_jax:
+            run.load_jax()
         return run
 
 
@@ -200,7 +203,7 @@ def write_folder(folder: Path, files: Mapping[str, bytes], is_forced: bool) -> P
         stack.callback(shutil.rmtree, workshop, ignore_errors=True)
         fresh, old = workshop / "new", workshop / "old" / target.name
         for name, content in files.items():
-            _write(fresh / name, content)
+            write_whole(fresh / name, content)
         ours, theirs = _ours_and_theirs(target)
         is_replaced = is_forced and not ours.isdisjoint(_results_in(target))
         # What would replace something of the user's.
@@ -389,11 +392,3 @@ def _described(path: Path, remedy: str) -> Iterator[None]:
     except (OSError, RuntimeError) as problem:
         reason = getattr(problem, "strerror", None) or problem
         raise InputError(f"{path}: cannot be used ({reason}); {remedy}") from problem
-
-
-def _write(path: Path, content: bytes) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())

@@ -199,8 +199,7 @@ def soc(on: ResultOnRecord, chosen: FilterOptions, output: Output) -> None:
     with a current offset, and with a wrong capacity. The window of a
     record that the result is of applies, unless options change it.
     """
-    run = output.begun("barnax-soc", (on.result, on.record))
-    run.load_jax()
+    run = output.begun("barnax-soc", on.result, on.record)
     stored = barnax.Result.load(on.result)
     record, window = on.meeting(stored)
     names = tuple(name.strip() for name in chosen.estimate.split(",") if name.strip())

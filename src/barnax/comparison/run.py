@@ -9,7 +9,7 @@ import numpy as np
 
 from ..baselines import METHODS, Budget, MethodFailure
 from ..baselines.regression import outside_box
-from ..cell import CellModel
+from ..cell import CellModel, get_circuit
 from ..errors import InputError, require_choice
 from ..execution import Watch, in_float64, unwatched
 from ..global_optimum.search import (
@@ -19,11 +19,9 @@ from ..global_optimum.search import (
 )
 from ..identification import optimum_or_none, search_and_assess
 from ..inputs import listed, read_inputs, windows_of
-from ..job import Job, takes_options
+from ..job import Job, takes_options, window_of
 from ..model.prepared import PreparedRecord, prepare_record
 from ..model.problem import Problem, applicable_to, make_problem
-from ..model.search_space import Kind, Range, Scale
-from ..model.window import Window
 from ..records import Record
 from ..result_parts import InputPart, versions
 from ..run_setup import first_circuit, problem_of, set_up, settled
@@ -52,21 +50,37 @@ PAPER_ROWS = (
 REFINEMENT, OPTIMA, DIFFERENCES = "refinement", "global optima", "differences"
 
 
+# Options of one circuit, or of its tables.
+_OF_ONE = {*vars(TableOptions()), *("model", "method", "over", "trust", "cell", "tables")}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class ComparisonJob(Job):
+    """A job whose circuits and methods are `rows`.
+
+    Args:
+        rows: Pairs of a circuit and a method of `METHODS`, by default those of Li et al. (2023).
+
+    Raises `InputError` for an unknown circuit or method, and for an option of one circuit.
+
+    >>> ComparisonJob(rows=[("so-rc", "guess")])
+    Traceback (most recent call last):
+    barnax.errors.InputError: `methods` 'guess' is not known; there are ls, rls, wrls, ...
+    """
+
+    rows: Sequence[tuple[str, str]] = PAPER_ROWS
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in self.chosen.keys() & _OF_ONE:
+            raise InputError(f"`{name}` is of one circuit; a comparison has `models` and `methods`")
+        for model, method in self.rows:
+            get_circuit(model, "models")
+            require_choice("methods", method, METHODS)
+
+
 def compare(
-    record: Record,
-    cell: CellModel,
-    rows: Sequence[tuple[str, str]] = PAPER_ROWS,
-    *,
-    validation: Sequence[Record] = (),
-    window: Window | None = None,
-    validation_windows: Sequence[Window] | None = None,
-    bounds: Mapping[str, Range] | None = None,
-    fixed: Mapping[str, float] | None = None,
-    coordinates: Scale = "rc",
-    objective: Kind = "scan",
-    budget: Budget | None = None,
-    source: str = "bounds",
-    watch: Watch = unwatched,
+    record: Record, cell: CellModel, job: ComparisonJob, validation: Sequence[Record] = ()
 ) -> ComparisonResult:
     """Several circuits and methods compared on the same data, box, budget and key.
 
@@ -75,52 +89,39 @@ def compare(
     Args:
         record: The record to identify on.
         cell: A cell from `characterize`.
-        rows: Pairs of a circuit and a method of `METHODS`.
+        job: The rows, and of the options of `identify` those of the search and of windows. Bounds
+            and fixed values are for the circuits that have such a parameter; `watch` is called
+            with the name of every row.
         validation: Records to validate on.
-        window: The part of the record that is simulated.
-        validation_windows: Those of the validation records; by default `window`.
-        bounds: Lowest and highest value by PyBaMM's names, for the circuits that have such a
-            parameter.
-        fixed: Parameters that keep a value, by the same names.
-        coordinates: Search coordinates: "rc", or logarithms of R and tau.
-        objective: How errors are computed: by simulation of every sample, or from a reduced record.
-        budget: What every method may spend.
-        source: What messages call the origin of the bounds.
-        watch: Called with the name of every row and its number of seeds; returns a context manager
-            that gives a function to call with the seeds finished.
 
-    Raises `InputError` if record, window or box do not fit, and for an unknown circuit or method.
-
-    >>> compare(None, None, [("so-rc", "guess")])
-    Traceback (most recent call last):
-    barnax.errors.InputError: `method` 'guess' is not known; there are ls, rls, wrls, ...
+    Raises `InputError` if record, window or box do not fit.
     """
-    for _, method in rows:
-        require_choice("method", method, METHODS)
-    budget, window = budget or Budget(), window or Window()
-    windows = [window] * len(validation) if validation_windows is None else validation_windows
-    models = tuple(dict.fromkeys(model for model, _ in rows))
+    budget = Budget(job.population, job.iterations, job.seeds, job.key)
+    objective = "scan" if job.objective == "auto" else job.objective
+    models = tuple(dict.fromkeys(model for model, _ in job.rows))
 
     def make(model: str, cell: CellModel) -> Problem:
-        ranges, held = (applicable_to(model, values, models) for values in (bounds, fixed))
+        given = job.ranges.by_name, job.fix
+        bounds, fixed = (applicable_to(model, values, models) for values in given)
         return make_problem(
             record, cell, model,
-            window=window, bounds=ranges, fixed=held,
-            coordinates=coordinates, objective=objective, source=source,
+            window=window_of(job.window, record.name), bounds=bounds, fixed=fixed,
+            coordinates=job.coordinates, objective=objective, source=job.ranges.source,
         )  # fmt: skip
 
     # All have the OCV that the first model's circuit finds at rest.
     cell = without_sweep_drop(make(models[0], cell)).cell
     problems = {model: with_better_directions(make(model, cell)) for model in models}
-    others = list(zip(validation, windows, strict=True))
+    others = [(other, window_of(job.window, other.name)) for other in validation]
     validated = {
         model: [prepare_record(other, cell, model, its) for other, its in others]
         for model in models
     }
     answered = [
-        _run(problems[model], validated[model], method, budget, watch) for model, method in rows
+        _run(problems[model], validated[model], method, budget, job.watch)
+        for model, method in job.rows
     ]
-    return _result(problems, answered, budget, watch)
+    return _result(problems, answered, budget, job.watch)
 
 
 def _result(
@@ -232,22 +233,6 @@ def _differences(rows: Sequence[Row], key: int) -> tuple[Difference, ...]:
     return tuple(differences)
 
 
-# Options of one circuit, or of its tables.
-_OF_ONE = {*vars(TableOptions()), *("model", "method", "over", "trust", "cell", "tables")}
-
-
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class ComparisonJob(Job):
-    """A job whose circuits and methods are `rows`."""
-
-    rows: Sequence[tuple[str, str]] = PAPER_ROWS
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name in self.chosen.keys() & _OF_ONE:
-            raise InputError(f"`{name}` is of one circuit; a comparison has `models` and `methods`")
-
-
 @takes_options(ComparisonJob)
 def compare_files(job: ComparisonJob) -> ComparisonResult:
     """Models and methods compared on one record, as `compare` does, after the usual circuits.
@@ -265,7 +250,7 @@ def compare_files(job: ComparisonJob) -> ComparisonResult:
 
     Raises `InputError` if an input cannot be used, or more than one record is given.
     """
-    records, watch = listed(job.records), job.watch
+    records = listed(job.records)
     if len(records) > 1:
         raise InputError(
             f"a comparison uses one record, but {len(records)} were given; give the others with "
@@ -273,22 +258,9 @@ def compare_files(job: ComparisonJob) -> ComparisonResult:
         )
     inputs = read_inputs(job)
     windows = windows_of(inputs, job.window, job.capacity)
-    compared = compare(
-        inputs.records[0],
-        inputs.cell,
-        job.rows,
-        validation=inputs.validation,
-        window=windows[inputs.records[0].name],
-        validation_windows=[windows[record.name] for record in inputs.validation],
-        bounds=job.ranges.by_name,
-        fixed=job.fix,
-        coordinates=job.coordinates,
-        objective="scan" if job.objective == "auto" else job.objective,
-        budget=Budget(job.population, job.iterations, job.seeds, job.key),
-        source=job.ranges.source,
-        watch=watch,
-    )
-    with watch("Circuits", 0):
+    in_windows = job.changed(window=windows)
+    compared = compare(inputs.records[0], inputs.cell, in_windows, inputs.validation)
+    with job.watch("Circuits", 0):
         alone = Job(seeds=0, bounds=job.bounds, fix=job.fix, tables=job.table_settings)
         first = settled(problem_of(inputs, windows, alone, first_circuit(inputs, alone)))
         setup = set_up(first, inputs, windows, alone)

@@ -18,7 +18,7 @@ from ..cell.model import MIXED_POINTS
 from ..cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION
 from ..cell.soc_axis import CAPACITY_WARNING, GIVEN
 from ..cell.tables import LEAST_OHM
-from ..errors import InputError, require_choice
+from ..errors import InputError, attempt, require_choice
 from ..model.prepared import PreparedRecord
 from ..model.sampling import least_r0_share
 from ..over_soc.fit import TableFit
@@ -196,10 +196,9 @@ def prior_of_result(result: Result, temperature_degc: float | None = None) -> Pr
     Raises `InputError` where its answer has elements that are no RC pairs, or not the temperature.
     """
     intervals, untold, parts = result.fit.intervals, "", result.of_role("identification")
-    try:
-        evaluations = result.evaluations.identification
-    except InputError as problem:
-        evaluations, untold = (), str(problem)
+    evaluations = attempt(lambda: result.evaluations.identification)
+    if isinstance(evaluations, InputError):
+        evaluations, untold = (), str(evaluations)
     earlier = [
         evaluated
         for evaluated, part in zip(evaluations, parts, strict=False)

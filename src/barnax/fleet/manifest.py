@@ -20,11 +20,11 @@ from urllib.parse import unquote
 import polars as pl
 
 from .. import __version__
-from ..errors import LONGEST_NAME, InputError, cut, listed, toml_reason
+from ..errors import LONGEST_NAME, InputError, cut, listed, naming, toml_reason
 from ..files import is_address, located
 from ..records.readers import unzipped
 from ..records.readers.binary import PARQUET
-from ..records.readers.content import naming, require_room
+from ..records.readers.content import require_room
 from ..settings import WINDOW_OPTIONS, CellSettings, Reading
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ import numpy as np
 from ..cell import CellModel, OcvTable, characterize, read_ocv_test
 from ..checks import check_file
 from ..checks.against_cell import compare_temperatures
-from ..errors import InputError, reason_of
+from ..errors import InputError, attempt, reason_of
 from ..factors import factors_to_bytes, read_factors
 from ..files import fetched, is_address, is_factor_file
 from ..inputs import Measured, file_names, input_warnings, read_inputs, source_of
@@ -227,11 +227,8 @@ def job_of(settings: Options) -> Job:
 def reasons_against(cell: FleetCell, settings: Options) -> Iterator[str]:
     """Problems of a cell's row, and where it has none, why its files cannot be identified on."""
     reasons = [*cell.missing]
-    for require in (lambda: _windows(cell), lambda: job_of(cell.options)):
-        try:
-            require()
-        except InputError as problem:
-            reasons.append(str(problem))
+    answers = attempt(_windows, cell), attempt(job_of, cell.options)
+    reasons += [str(answer) for answer in answers if isinstance(answer, InputError)]
     yield from reasons
     has_samples = not all(map(is_factor_file, cell.records)) and "pack_cells" not in cell.options
     if reasons or not has_samples:

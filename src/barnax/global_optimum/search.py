@@ -13,7 +13,7 @@ from pydantic import Field
 from ..cell import get_circuit
 from ..cell.characterize import without_drop
 from ..cell.model import NEAR_DEGC
-from ..errors import InputError
+from ..errors import InputError, attempt
 from ..execution import in_float64
 from ..model.descent import GridSizes, LogScales, lowest_scales, polish
 from ..model.prepared import PreparedRecord, prepare_record
@@ -307,10 +307,10 @@ def with_better_hold(problem: "Problem") -> "Problem":
     others = []
     for each, one in zip(records, is_open, strict=True):
         given = replace(each.record, hold=turned), problem.cell, problem.circuit
-        try:
-            others.append(prepare_record(*given, each.settled_window) if one else each)
-        except InputError:
+        other = attempt(prepare_record, *given, each.settled_window) if one else each
+        if isinstance(other, InputError):
             return problem
+        others.append(other)
     if not problem.is_compressible:
         return problem
     other = replace(problem, prepared_records=tuple(others))

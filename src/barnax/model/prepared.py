@@ -1,7 +1,6 @@
 """One record made ready to simulate: which part of it, its SOC, and a resting cell's voltage."""
 
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +11,7 @@ from ..cell import CellModel, Dependence, get_circuit
 from ..cell.dependence import filled
 from ..cell.tables import hats
 from ..display import Brief
-from ..errors import InputError
+from ..errors import InputError, attempt
 from ..execution import as_input
 from ..notices import Notice
 from ..records import Record
@@ -110,9 +109,8 @@ class PreparedRecord(Brief):
             capacity_ah=capacity_ah,
             registration=registration or self.window.registration,
         )
-        with suppress(InputError):
-            return self.in_window(window, record)
-        return None
+        moved = attempt(self.in_window, window, record)
+        return None if isinstance(moved, InputError) else moved
 
     def following(self, dependence: Dependence | None) -> "PreparedRecord":
         """The same with resistances that follow more than SOC so; None for not."""

@@ -1,7 +1,7 @@
 """Plans for a folder of a cycler's files: roles, windows and options, chosen with reasons."""
 
+from ..job import FileRole as FileRole
 from .choosing import plan as plan
-from .document import FileRole as FileRole
 from .document import Plan as Plan
 from .document import plan_from_toml as plan_from_toml
 from .document import plan_to_toml as plan_to_toml

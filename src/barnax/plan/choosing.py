@@ -7,12 +7,12 @@ from typing import Any
 
 from ..errors import InputError
 from ..inputs import listed
-from ..job import Job, takes_options
+from ..job import Job, Use, takes_options
 from ..notices import Notice
 from ..records import Given
 from ..records.source import files_of
 from ..settings import OVER_TEMPERATURE
-from .document import Plan, Use, named_degc
+from .document import Plan, named_degc
 from .draft import Draft, another_cell, copies_of, of_other_cells, plan_of_cells, why_useless
 from .looking import CandidateFile, Files, by_temperature, is_same_degc, look, split
 from .ocv import DIGITS, OcvChoice, Started, ocv_at, ocv_reason, record_capacity_ah, sweeps_of
@@ -109,8 +109,11 @@ def _decide(draft: Draft, tests: Files, others: Files) -> Plan:
     dynamic = [file for file in records if file.kind(None) != "OCV test"] or records
     groups = list(by_temperature(dynamic or free))
     # An OCV test of its own temperature comes before many records, and a drive before pulses.
-    tried = [(group, ocv_at(degc, free, tests, draft.given_ah)) for degc, group in groups]
-    chosen = sorted(tried, key=lambda pair: not _holds_drive(pair[0]))
+    chosen = list[tuple[Files, OcvChoice | None]]()
+    for degc, group in sorted(groups, key=lambda pair: not _holds_drive(pair[1])):
+        if isinstance(test := ocv_at(degc, free, tests, draft.given_ah), InputError):
+            raise test
+        chosen.append((group, test))
     with_test = [(group, test) for group, test in chosen if test]
     if not with_test:
         groups = [group for group, _ in chosen if dynamic]
@@ -320,7 +323,7 @@ def options_of(
         start = draft.start(file)
         is_full = start.window.initial_soc == 1.0 or start.is_full
         taken_ah = record_capacity_ah(file, start.window, choice, is_full)
-        is_used = draft.taken[file][0] == "identification"
+        is_used = draft.taken[file].role == "identification"
         if taken_ah is not None and is_used and taken_ah > (record_ah or 0.0):
             record, record_ah = file, taken_ah
     if record_ah is not None and draft.start(record).window.capacity_ah is None:

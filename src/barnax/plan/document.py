@@ -4,7 +4,6 @@ import functools
 import json
 import tomllib
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal, get_args, get_type_hints
@@ -13,64 +12,21 @@ import tomlkit
 from pydantic import TypeAdapter, ValidationError
 
 from ..display import Brief
-from ..errors import InputError, as_keys, printable, toml_reason
+from ..errors import InputError, as_keys, attempt, naming, printable, toml_reason
 from ..inputs import file_names
-from ..job import OPTIONS, PLANNED, Job, window_of, windows_by_name
+from ..job import OPTIONS, PLANNED, FileRole, Job, Use, window_of, windows_by_name
 from ..model.window import START, Windows, merged
 from ..notices import Notice
-from ..records import Given, Hold
 from ..records.log import NEXT_FILE
 from ..records.source import find_planned
-from ..result_parts import PlannedFile, Use
 from ..settings import WINDOW_OPTIONS, Window
 
 ROLES: tuple[Use, ...] = get_args(Use)
-# Those with a window.
-SIMULATED: tuple[Use, ...] = ("identification", "validation")
 
 # Why an option is so where a user chose it.
 GIVEN = "given"
 # Arguments of `identify`, by name.
 Options = Mapping[str, Any]
-
-
-@dataclass(frozen=True)
-class FileRole:
-    """A file, or a part of one, and what it serves for.
-
-    `kind` says what it is: a drive cycle, a pulse test, unreadable and so on. `span_s` cuts a file
-    that holds several tests, on its own clock. `window` is that of a simulation, for identification
-    and validation; `plans_soc` says that its SOC at the start is the plan's own, and not given.
-    `source` is what was read of the file, if it was, and `sha256` the file's digest, if known; that
-    of a log that was cut into several files, of which `more` are the further ones, holds those of
-    all.
-    `sampling` is the hold of its current that the steps of a designed test show; it is that of all
-    files with the same columns, as one logger's is.
-    """
-
-    path: Path
-    name: str
-    role: Use
-    kind: str = ""
-    reason: str = ""
-    window: Window = field(default_factory=Window)
-    span_s: tuple[float, float] | None = None
-    temperature_degc: float | None = None
-    plans_soc: bool = False
-    source: Given = field(default=None, repr=False, compare=False)
-    sha256: str = ""
-    sampling: Hold | None = None
-    more: tuple[Path, ...] = ()
-
-    @property
-    def paths(self) -> tuple[Path, ...]:
-        """All files of its log."""
-        return (self.path, *self.more)
-
-    @property
-    def is_simulated(self) -> bool:
-        """True if its role is one with a window."""
-        return self.role in SIMULATED
 
 
 @dataclass(frozen=True, repr=False)
@@ -127,12 +83,10 @@ class Plan(Brief):
         return [*lines, *(f"{names}: not used: {why}" for why, names in self.unused.items())]
 
     @property
-    def stored(self) -> tuple[PlannedFile, ...]:
+    def stored(self) -> tuple[FileRole, ...]:
         """Every file as a result keeps it; none where the roles were given."""
-        if not any(part.reason for part in self.parts):
-            return ()
-        read = PlannedFile.model_validate
-        return tuple(read(part, from_attributes=True) for part in self.parts)
+        is_chosen = any(part.reason for part in self.parts)
+        return tuple(replace(part, source=None) for part in self.parts) if is_chosen else ()
 
     @property
     def on_one(self) -> "Plan":
@@ -281,10 +235,8 @@ def plan_from_toml(path: str | Path) -> Plan:
     if isinstance(options.get("bounds"), str):
         bounds = Path(options["bounds"])
         options["bounds"], warnings = find_planned(bounds, bounds.name, beside=path.parent)
-    try:
+    with naming(shown, as_keys):
         _, window = Job(**options), Window(**common)
-    except InputError as problem:
-        raise InputError(f"{shown}: {as_keys(str(problem))}") from problem
     if not isinstance(listed, list) or not all(isinstance(entry, dict) for entry in listed):
         raise InputError(f"{shown}: each file needs a line [[files]] above it")
     parts = tuple(_part(shown, entry, window) for entry in listed)
@@ -308,9 +260,8 @@ def _content(path: Path) -> dict[str, Any]:
 def folders_in(path: Path) -> tuple[Path, ...]:
     """The folders of the files that a plan names, from its own and from where the command runs;
     none of what is no plan."""
-    listed = None
-    with suppress(InputError):
-        listed = _content(path).get("files")
+    content = attempt(_content, path)
+    listed = None if isinstance(content, InputError) else content.get("files")
     tables = [one for one in listed if isinstance(one, dict)] if isinstance(listed, list) else []
     given = (table.get("file") for table in tables)
     several = (one if isinstance(one, list) else [one] for one in given)
@@ -329,10 +280,8 @@ def _part(shown: str, table: Mapping[str, Any], common: Window) -> FileRole:
     findings = {key: given.pop(key) for key in _FINDINGS if key in given}
     if span and not name:
         raise InputError(f"{shown}: a part of {file} needs a 'name' beside its span")
-    try:
+    with naming(f"{shown}: {file}", as_keys):
         window = Window(**{_FIELD_OF[option]: value for option, value in given.items()})
-    except InputError as problem:
-        raise InputError(f"{shown}: {file}: {as_keys(str(problem))}") from problem
     paths = {"path": Path(file), "more": tuple(map(Path, more))}
     part = FileRole(**paths, name=name, role=role, window=window, span_s=span, **findings)
     return replace(part, window=merged(common, window)) if part.is_simulated else part

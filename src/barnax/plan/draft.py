@@ -3,18 +3,18 @@ are copies, or of other cells, by folders and by what tests hold."""
 
 import math
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from itertools import pairwise, permutations
 from pathlib import Path
 
 from ..cell import CellModel
 from ..checks.check_input import LEAST_SHARE
-from ..errors import InputError, counted, printable
+from ..errors import InputError, attempt, counted, printable
+from ..job import SIMULATED, FileRole, Use
 from ..model.window import Window
 from ..notices import Notice
 from ..records.log import Content
-from .document import ROLES, SIMULATED, FileRole, Plan, Use
+from .document import ROLES, Plan
 from .looking import CandidateFile, Files, is_same_degc
 from .ocv import OcvChoice, Started, ocv_at, ocv_reason, started
 
@@ -34,7 +34,7 @@ class Draft:
     files: Files
     given_ah: float | None = None
     is_over: bool = False
-    taken: dict[CandidateFile, tuple[Use, str, Window]] = field(default_factory=dict)
+    taken: dict[CandidateFile, FileRole] = field(default_factory=dict)
     capacity_ah: float | None = None
     tests: dict[CandidateFile, None] = field(default_factory=dict)
     starts: dict[CandidateFile, Started] = field(default_factory=dict)
@@ -50,8 +50,22 @@ class Draft:
 
     def take(self, file: CandidateFile, role: Use, reason: str) -> None:
         """Settle a file's role, unless it is settled; what is simulated has its window then."""
-        window = self.start(file).window if role in SIMULATED else Window()
-        self.taken.setdefault(file, (role, reason, window))
+        if file in self.taken:
+            return
+        window, source = self.start(file).window if role in SIMULATED else Window(), file.source
+        self.taken[file] = FileRole(
+            path=file.path,
+            name=file.name,
+            role=role,
+            reason="; ".join(filter(None, (reason, file.evidence))),
+            window=window,
+            span_s=source.span_s if source else None,
+            temperature_degc=file.temperature_degc,
+            plans_soc=window.initial_soc is not None and file.chosen.initial_soc is None,
+            more=file.more,
+            source=None if role == "not used" else file.given or source,
+            sha256=source.sha256 if source else "",
+        )
 
     def leave(self, reasons: Mapping[CandidateFile, str]) -> None:
         """Settle that files are not used, each with the reason."""
@@ -77,19 +91,20 @@ class Draft:
         """Look for the start of a record whose role is given, on the cell or the OCV test of its
         temperature, which is returned; what cannot be is refused where it is run."""
         degc = file.temperature_degc
-        choice = OcvChoice((), cell.at(degc)) if cell else None
-        with suppress(InputError):
-            choice = choice or ocv_at(degc, self.files, tests, self.given_ah)
-        if choice and not file.refusal:
+        by_test = None if cell else ocv_at(degc, self.files, tests, self.given_ah)
+        choice = OcvChoice((), cell.at(degc)) if cell else by_test
+        if not isinstance(choice, OcvChoice):
+            return None
+        if not file.refusal:
             self.no_start(file, choice)
         return choice
 
     def no_start(self, file: CandidateFile, choice: OcvChoice) -> str:
         """The reason why a record has no start on the OCV; empty where it has one, now known."""
-        try:
-            self.starts[file] = started(self.files, file, choice)
-        except InputError as problem:
-            return str(problem).removeprefix(f"{file.name}: ")
+        start = attempt(started, self.files, file, choice)
+        if isinstance(start, InputError):
+            return str(start).removeprefix(f"{file.name}: ")
+        self.starts[file] = start
         return ""
 
     def words_of(self, file: CandidateFile) -> str:
@@ -100,11 +115,11 @@ class Draft:
 
     def tell_temperatures(self) -> None:
         """Put the temperature that a name tells into the windows of records without a column."""
-        for file, (role, reason, window) in self.taken.items():
-            is_open = role != "not used" and window.temperature_degc is None
+        for file, part in self.taken.items():
+            is_open = part.role != "not used" and part.window.temperature_degc is None
             if is_open and file.is_record and file.record.temperature_degc is None:
-                window = replace(window, temperature_degc=file.temperature_degc)
-                self.taken[file] = role, reason, window
+                window = replace(part.window, temperature_degc=file.temperature_degc)
+                self.taken[file] = replace(part, window=window)
 
     def parts(self) -> tuple[FileRole, ...]:
         """Every file: those that serve first, by their role, the best to identify on first.
@@ -112,26 +127,12 @@ class Draft:
         Pulse tests have the OCV of their rests, but beside an OCV test they are named as one too.
         """
         parts = []
-        best = [file for file, (role, *_) in self.taken.items() if role == "identification"]
-        is_given = any(role == "OCV test" for role, *_ in self.taken.values())
+        best = [file for file, part in self.taken.items() if part.role == "identification"]
+        is_given = any(part.role == "OCV test" for part in self.taken.values())
         for file in dict.fromkeys((*best, *self.files)):
-            role, reason, window = self.taken[file]
-            part = FileRole(
-                file.path,
-                file.name,
-                role,
-                file.kind(self.capacity_ah),
-                "; ".join(filter(None, (reason, file.evidence))),
-                window,
-                span_s=None if file.source is None else file.source.span_s,
-                temperature_degc=file.temperature_degc,
-                plans_soc=window.initial_soc is not None and file.chosen.initial_soc is None,
-                more=file.more,
-                source=None if role == "not used" else file.given or file.source,
-                sha256=file.source.sha256 if file.source else "",
-            )
+            part = replace(self.taken[file], kind=file.kind(self.capacity_ah))
             parts.append(part)
-            if is_given and role == "identification" and file in self.tests:
+            if is_given and part.role == "identification" and file in self.tests:
                 why = ocv_reason([file], self.capacity_ah)
                 parts.append(replace(part, role="OCV test", reason=why, window=Window()))
         return tuple(sorted(parts, key=lambda part: ROLES.index(part.role)))

@@ -20,16 +20,15 @@ from ..cell.model import REFERENCE_DEGC, SAME_DEGC, group_near
 from ..checks import Role, check_file
 from ..checks.check_input import NO_TRAITS, Kind, Traits
 from ..checks.roles import SuggestedWindow
-from ..errors import InputError
+from ..errors import InputError, attempt
 from ..inputs import file_names, name_of, named_source, numbered
-from ..job import Job, window_of, windows_by_name
+from ..job import Job, Use, window_of, windows_by_name
 from ..model.window import START, Window, Windows, merged, temperature_of
 from ..notices import refusal_of
 from ..records import Record, Source
 from ..records.log import NEXT_FILE, continuation, joined
 from ..records.record import TAPERED
 from ..settings import Reading
-from .document import Use
 
 # Kinds of tests that have a role.
 SERVING = ("OCV test", "slow sweep", "pulse test", "drive cycle")
@@ -178,15 +177,15 @@ def _looked_at(
     window: Windows,
 ) -> CandidateFile:
     """A file that is read, with what the checks tell of it; what refuses it is said of it."""
-    try:
-        source = read()
-        chosen = window_of(window, source.name)
-        how = reading.of_record(source.name, role)
-        file = replace(file, name=source.name, chosen=chosen, how=how)
-        if isinstance(source, Source):
-            return _checked(replace(file, source=source))
-    except InputError as problem:
-        return replace(file, refusal=problem)
+    if isinstance(source := attempt(read), InputError):
+        return replace(file, refusal=source)
+    chosen = window_of(window, source.name)
+    how = reading.of_record(source.name, role)
+    file = replace(file, name=source.name, chosen=chosen, how=how)
+    if isinstance(source, Source):
+        file = replace(file, source=source)
+        checked = attempt(_checked, file)
+        return replace(file, refusal=checked) if isinstance(checked, InputError) else checked
     is_record = isinstance(source, Record)
     traits = Traits(temperature_degc=temperature_of(source, chosen)) if is_record else NO_TRAITS
     return replace(file, given=source, traits=traits)

@@ -3,16 +3,15 @@
 import itertools
 import math
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
 from ..cell import CellModel
 from ..cell.characterize import characterize
 from ..cell.soc_axis import CAPACITY_WARNING, CHARGE, DISCHARGE, WORD, Sweep
-from ..errors import InputError
+from ..errors import InputError, attempt
 from ..model.prepared import PreparedRecord, prepare_record
 from ..model.window import Window, first_sample
 from ..records.log import goes_on, pause_s
@@ -41,6 +40,12 @@ class OcvChoice:
     cell: CellModel
     capacity_ah: float | None = None
 
+    @classmethod
+    def of(cls, tests: Files, capacity_ah: float | None) -> Self:
+        """The files with the cell that they show. Raises `InputError` where they show none."""
+        cell = characterize([test.content for test in tests], capacity_ah=capacity_ah)
+        return cls(tuple(tests), cell, capacity_ah)
+
     @property
     def tells_temperature(self) -> bool:
         return all(test.temperature_degc is not None for test in self.tests)
@@ -48,11 +53,9 @@ class OcvChoice:
 
 def ocv_at(
     degc: float | None, free: Files, tests: Files, given_ah: float | None
-) -> OcvChoice | None:
-    """The OCV test of a temperature: the given one, else the best that there is, if any.
-
-    `given_ah` is the capacity that was given. Raises `InputError` where a given one is none.
-    """
+) -> OcvChoice | InputError | None:
+    """The OCV test of a temperature: the given one, or why it is none, else the best that there is,
+    if any. `given_ah` is the capacity that was given."""
     near = [file for file in free if is_same_degc(file.temperature_degc, degc)]
     records = [file.traits.longest_discharge_ah for file in near if file.is_record]
     longest_ah = max(records, default=0.0) or None
@@ -64,30 +67,25 @@ def ocv_at(
         serving = [file for file in candidates if file.serves("OCV test")]
         max_ah = max((sweep.passed_ah for sweep in sweeps_of(serving)), default=0.0)
         sets = sorted(_sets(serving), key=lambda tests, max_ah=max_ah: _rank(tests, max_ah))
-        with suppress(InputError):
-            if choice := _first_cell(sets, given_ah, longest_ah):
-                return choice
+        if isinstance(choice := _first_cell(sets, given_ah, longest_ah), OcvChoice):
+            return choice
     return None
 
 
 def _first_cell(
     sets: Sequence[Files], given_ah: float | None, longest_ah: float | None
-) -> OcvChoice | None:
+) -> OcvChoice | InputError | None:
     """The first set of files that makes a cell, by the given capacity or by itself, or where none
-    does by the longest discharge; None without any. Raises why the first makes none."""
-    reason = None
+    does by the longest discharge, else why the first makes none; None without any."""
+    refusal = None
     by_itself = itertools.product(sets, dict.fromkeys((given_ah, None)))
     by_longest = itertools.product(sets, [longest_ah] if longest_ah else [])
     for tests, capacity_ah in itertools.chain(by_itself, by_longest):
-        try:
-            cell = characterize([test.content for test in tests], capacity_ah=capacity_ah)
-        except InputError as problem:
-            reason = reason or problem
-        else:
-            return OcvChoice(tuple(tests), cell, capacity_ah)
-    if reason:
-        raise reason
-    return None
+        choice = attempt(OcvChoice.of, tests, capacity_ah)
+        if isinstance(choice, OcvChoice):
+            return choice
+        refusal = refusal or choice
+    return refusal
 
 
 def ocv_reason(tests: Files, capacity_ah: float | None = None) -> str:
@@ -168,27 +166,24 @@ def started(files: Files, file: CandidateFile, choice: OcvChoice) -> Started:
     """The window of a record, with its start where another of the files ends that the record goes
     on from if it does not show its own, and how that is known, in words. Raises `InputError` where
     neither fits."""
-    window, prepared, refusal = file.window, None, InputError()
-    try:
-        prepared = _prepared(file, window, choice, is_full=window.initial_soc == 1.0)
-    except InputError as problem:
-        refusal = problem
+    window = file.window
+    prepared = attempt(_prepared, file, window, choice, window.initial_soc == 1.0)
+    if isinstance(prepared, InputError):
         # A record may take a little more charge out of the full cell than the test did.
-        with suppress(InputError):
-            fuller = _prepared(file, window, choice, is_full=True)
-            capacity_ah = fuller.window.capacity_ah or math.inf
-            is_little_more = capacity_ah <= _LITTLE_MORE * choice.cell.capacity_ah
-            if fuller.start.soc >= 1 - _FULL and is_little_more:
-                return Started(fuller.window, is_full=True)
-    if prepared is None or prepared.start.soc_source == "fitted":
+        fuller = attempt(_prepared, file, window, choice, True)
+        most_ah = _LITTLE_MORE * choice.cell.capacity_ah
+        is_read = isinstance(fuller, PreparedRecord) and fuller.start.soc >= 1 - _FULL
+        if is_read and (fuller.window.capacity_ah or math.inf) <= most_ah:
+            return Started(fuller.window, is_full=True)
+    if isinstance(prepared, InputError) or prepared.start.soc_source == "fitted":
         before = next((other for other in files if _goes_on(other, file, choice)), None)
-        soc = None if before is None else _final_soc(files, before, choice)
-        if before is not None and soc is not None and not window.is_chosen:
+        soc = before and attempt(_final_soc, files, before, choice)
+        if before and isinstance(soc, float) and not window.is_chosen:
             begun = replace(window, initial_soc=soc)
             _prepared(file, begun, choice)
             return Started(begun, f", where {before.name} ends")
-    if prepared is None:
-        raise refusal
+    if isinstance(prepared, InputError):
+        raise prepared
     # What the record shows is read from it where it is run, as without a plan.
     start = prepared.start
     shown = f", at full: {start.voltage_v:.4f} V" if start.soc_source == "full voltage" else ""
@@ -220,12 +215,11 @@ def _goes_on(before: CandidateFile, file: CandidateFile, choice: OcvChoice) -> b
     return 0 <= pause_s(first, second) <= _PAUSE_S and apart_ah <= least_ah
 
 
-def _final_soc(files: Files, file: CandidateFile, choice: OcvChoice) -> float | None:
-    """The state of charge at the end of a file, where it or the one before it shows that."""
-    with suppress(InputError):
-        prepared = _prepared(file, started(files, file, choice).window, choice)
-        return float(f"{prepared.soc[-1]:.{DIGITS}g}")
-    return None
+def _final_soc(files: Files, file: CandidateFile, choice: OcvChoice) -> float:
+    """The state of charge at the end of a file. Raises `InputError` where neither it nor the one
+    before it shows that."""
+    prepared = _prepared(file, started(files, file, choice).window, choice)
+    return float(f"{prepared.soc[-1]:.{DIGITS}g}")
 
 
 def record_capacity_ah(

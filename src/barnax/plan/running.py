@@ -15,18 +15,18 @@ from ..bundled import BUNDLED
 from ..cell import CellModel, characterize_over_temperature
 from ..cell.model import REFERENCE_DEGC, group_near
 from ..errors import InputError
-from ..inputs import file_names, listed, named_source, require_voltages
-from ..job import PLANNED, Job, window_of, windows_by_name
+from ..inputs import listed, read_files, require_voltages
+from ..job import PLANNED, SIMULATED, FileRole, Job, Use, window_of, windows_by_name
 from ..model.window import Window, temperature_of
 from ..pulses import first_pulse
-from ..records import Record, Source, read_record, read_source
+from ..records import Record, Source, read_source
 from ..records.log import joined
 from ..records.logger import Decision, Logger, SlowRows
 from ..records.source import STDIN
 from ..result_parts import InputPart
 from ..settings import OVER_TEMPERATURE, Reading
 from .choosing import options_of, plan
-from .document import SIMULATED, FileRole, Plan, Use, plan_from_toml
+from .document import Plan, plan_from_toml
 from .draft import Draft
 from .looking import CandidateFile, by_temperature, look
 from .ocv import OcvChoice, Started
@@ -172,11 +172,10 @@ def prepare_pulse_tests(job: Asked) -> Asked:
 
     Raises `InputError` where a record has no pulses.
     """
-    given, chosen = listed(job.records), windows_by_name(job.window)
-    names, called, cell = file_names(given), dict[str, int](), None
+    chosen, cell = windows_by_name(job.window), None
     with job.watch("Finding pulses", 0):
-        sources = [named_source(one, "identification", names, called, job) for one in given]
-        tests = [(source, _pulse_test(source, job)) for source in sources]
+        files = read_files({"identification": listed(job.records)}, job)
+        tests = [(file.source or file.content, _pulse_test(file.content)) for file in files]
         at_degc = (temperature_of(record, window_of(chosen, record.name)) for _, record in tests)
         degcs = (REFERENCE_DEGC if degc is None else degc for degc in at_degc)
         by_degc = group_near(zip(degcs, tests, strict=True))
@@ -191,16 +190,14 @@ def prepare_pulse_tests(job: Asked) -> Asked:
         # From the rest before the first pulse on, but where something else is chosen.
         windows = {record.name: _pulse_window(record, cell, chosen) for _, record in tests}
     return job.changed(
-        records=sources,
+        records=[source for source, _ in tests],
         over=job.over or ("soc" if len(by_degc) == 1 else OVER_TEMPERATURE),
         window={"": window_of(chosen, ""), **chosen, **windows},
     )
 
 
-def _pulse_test(source: Source | Record, reading: Reading) -> Record:
-    """A test that is read. Raises `InputError` where it has no pulses."""
-    is_record = isinstance(source, Record)
-    record = source if is_record else read_record(source, **reading.of_record(source.name))
+def _pulse_test(record: Record) -> Record:
+    """The record. Raises `InputError` where it has no pulses."""
     require_voltages([record])
     if first_pulse(record) is None:
         raise InputError(

@@ -13,7 +13,7 @@ from ..cell.curves import KNOTS
 from ..cell.parameters import HALF_HYSTERESIS, OHMIC
 from ..cell.tables import hats
 from ..display import Brief
-from ..errors import InputError
+from ..errors import InputError, attempt
 from ..metrics import TO_SD, Metrics, measure, t_quantile
 from ..model.prepared import PreparedRecord, prepare_record
 from ..model.reference import errors_along, simulate_circuit
@@ -107,9 +107,9 @@ def both_directions(prepared: PreparedRecord) -> tuple[PreparedRecord, PreparedR
     if prepared.start.direction_source != "assumed":
         return prepared, None
     window = replace(prepared.window, initial_direction=-prepared.start.direction)
-    try:
-        other = prepare_record(prepared.record, prepared.cell, prepared.circuit, window)
-    except InputError:
+    given = prepared.record, prepared.cell, prepared.circuit
+    other = attempt(prepare_record, *given, window)
+    if isinstance(other, InputError):
         return prepared, None
     if np.array_equal(prepared.source_v, other.source_v) and prepared.start.soc == other.start.soc:
         start = replace(prepared.start, direction_source="without effect")

@@ -10,11 +10,11 @@ import re
 import zipfile
 from collections.abc import Mapping
 
-from ...errors import InputError
+from ...errors import InputError, naming
 from ..columns import NOTHING
 from ..table import Reader, Table
 from .binary import ARBIN_RES, BIOLOGIC_MPR, NEWARE, PARQUET, ZIP
-from .content import naming, refusing, unpack, unpacked
+from .content import refusing, unpack, unpacked
 from .matlab import MATLAB
 from .text import TEXT
 from .workbook import WORKBOOK

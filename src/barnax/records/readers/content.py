@@ -93,15 +93,6 @@ def dies(code: str, content: bytes, most_bytes: float) -> bool:
 
 
 @contextmanager
-def naming(file: str) -> Iterator[None]:
-    """Put the name of a file before what is refused of its content."""
-    try:
-        yield
-    except InputError as refusal:
-        raise InputError(f"{file}: {refusal}") from refusal
-
-
-@contextmanager
 def refusing(damaged: str, missing: str = "") -> Iterator[None]:
     """Raise `InputError` in our words where a library fails: it is missing, or the file is damaged,
     for which libraries raise errors of many kinds."""

@@ -42,21 +42,6 @@ def test_the_lfp_cell_has_the_published_gap_at_c_30(real_data: Path):
     assert cell.warnings == ()
 
 
-def test_a_slow_pair_that_does_not_close_is_warned_about(real_data: Path):
-    folder = real_data / "calce-inr18650-20r"
-    record = read_record(folder / "ocv-low-current_25degC_SP20-1.parquet")
-    cell = characterize([record], ocv_fit="interpolated")
-    assert len(cell.charge_points) == len(cell.discharge_points) == 101
-    assert any("2.157 Ah out" in each.what for each in cell.warnings)
-
-
-def test_the_leaf_hppc_test_is_a_discharge_of_long_rests(real_data: Path):
-    record = read_record(real_data / "nissan-leaf-lmo-33ah" / "hppc_25degC.parquet")
-    cell = characterize([record], capacity_ah=33.1, ocv_fit="interpolated")
-    assert (len(cell.discharge_points), len(cell.charge_points)) == (10, 0)
-    assert cell.discharge_points[-1].voltage_v == pytest.approx(4.182, abs=1e-6)
-
-
 def test_the_virtual_cell_has_the_gap_that_was_put_into_its_graphite():
     # 12 mV between lithiation and delithiation at every stoichiometry of the graphite.
     records = [read_record(VIRTUAL_CELL / f"ocv_{way}.parquet") for way in ("charge", "discharge")]

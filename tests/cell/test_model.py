@@ -1,9 +1,7 @@
-import pickle
-
 import numpy as np
 import pytest
 
-from barnax.cell import CIRCUITS, CellModel, characterize, get_circuit
+from barnax.cell import CellModel, characterize, get_circuit
 from barnax.cell.circuits import loops
 from barnax.errors import InputError
 from helpers.ocv_tests import average_v, both_ways, branch_v
@@ -61,8 +59,3 @@ def test_a_loop_without_a_turn_is_the_branch(cell, direction):
     source_v = takacs.ocv_v(cell, GRID) + state * takacs.hysteresis.half_v(cell, GRID)
     branch_v = cell.average_ocv_v(GRID) + direction * cell.branch_gap_v(GRID) / 2
     np.testing.assert_allclose(source_v, branch_v, rtol=0, atol=1e-12)
-
-
-@pytest.mark.parametrize("name", CIRCUITS)
-def test_a_circuit_that_was_pickled_is_the_same(name):
-    assert pickle.loads(pickle.dumps(CIRCUITS[name])) == CIRCUITS[name]

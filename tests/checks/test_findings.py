@@ -437,14 +437,6 @@ def test_a_hard_drive_cycle_without_its_sign_is_found(tmp_path, real_data):
     assert counting(outcome) == {"sign": "error"}
 
 
-@pytest.mark.parametrize("factor", [0.5, 2.0])
-def test_counters_that_prove_a_current_is_scaled_name_the_factor(tmp_path, factor):
-    outcome = checked(tmp_path, scaled(with_counters(DRIVE), CURRENT, factor))
-    counters = finding(outcome, "counters")
-    assert f"the current is {factor:g} times what the tester counted, throughout" in counters.what
-    assert f"{1 / factor:g} times as much" in counters.remedy
-
-
 def test_a_hole_that_the_counters_saw_is_no_wrong_unit(tmp_path):
     outcome = checked(tmp_path, cut(with_counters(DRIVE), 3000, 9000))
     assert "throughout" not in finding(outcome, "counters").what
@@ -486,14 +478,6 @@ def test_a_gap_in_which_a_rested_cell_was_moved_is_a_warning(tmp_path):
     low = OUT.filter(pl.col(TIME) > 100_000)
     outcome = checked(tmp_path, pl.concat([OUT.filter(pl.col(TIME) < 4000), low]))
     assert counting(outcome)["gaps"] == "warning"
-
-
-def test_an_interval_no_longer_than_most_is_no_gap(tmp_path):
-    """Logged every 10 s, and at once where the voltage moves: what is between may be anything."""
-    interval_s = in_bursts(10.0, lambda start: 4 + start / 2000)
-    assert "gaps" not in {each.check for each in spaced(tmp_path, interval_s).findings}
-    interval_s[1:-1:2] = 0.004
-    assert "gaps" not in {each.check for each in spaced(tmp_path, interval_s).findings}
 
 
 def test_no_more_charge_is_in_doubt_than_passed(tmp_path):

@@ -128,14 +128,3 @@ def test_the_choice_of_a_circuit_is_shown_where_there_was_one(run, stored, tmp_p
     shown = run("show", tmp_path, "--choice").out
     assert "(0.011)" in shown
     assert "no gain" in shown
-
-
-@pytest.mark.slow
-def test_the_errors_are_written_as_a_page_with_figures(run, stored, drive, tmp_path):
-    outcome = run("validate", stored, drive, "--report", "page.html")
-    assert outcome.status == 0
-    assert "page.html" in outcome.out
-    page = (tmp_path / "page.html").read_text()
-    assert page.count("<img") == 2
-    assert "drive.parquet" in page
-    assert "exists already" in run("validate", stored, drive, "--report", "page.html").err

@@ -109,17 +109,6 @@ def test_an_iterable_is_read_no_further_than_its_cells_wait(tmp_path, computed):
     assert reports[-1] == (10, 10)
 
 
-def test_shards_write_files_of_their_own_that_the_whole_takes_in(tmp_path, computed):
-    for number in (1, 2):
-        identify_fleet(cells_of("abcdef"), tmp_path, executor=AtOnce(), shard=(number, 2))
-    assert len(list(tmp_path.glob("cells-*-of-00002.parquet"))) == 2
-    assert sorted(computed) == list("abcdef")
-    whole = identify_fleet(cells_of("abcdef"), tmp_path, executor=AtOnce())
-    assert (whole.finished, whole.skipped) == (0, 6)
-    assert [path.name for path in tmp_path.glob("*.parquet")] == ["cells.parquet"]
-    assert pl.read_parquet(tmp_path / "cells.parquet")["id"].to_list() == list("abcdef")
-
-
 def test_shards_run_beside_each_other(tmp_path, computed):
     names = [f"cell {number}" for number in range(24)]
 

@@ -11,7 +11,6 @@ from barnax.fleet.rows import sources_of
 from barnax.records import read_record
 from barnax.settings import Reading
 from helpers.records import CURRENT, TIME, VOLTAGE
-from records.test_hold import counted
 from records.test_logger import in_time
 
 
@@ -43,19 +42,3 @@ def test_every_file_of_one_logger_has_the_same_sampling(cells):
     # By itself, a short one shows nothing but how often its load changes.
     assert {sampling(cell, {}).value for cell in cells} == {"forward", "centered"}
     assert loggers[TIME, CURRENT, VOLTAGE].slow_records <= SAMPLED
-
-
-def test_counters_of_one_file_decide_for_a_fleet(tmp_path):
-    for k in range(3):
-        table = counted("backward", seed=k)
-        names = [name for name in table.columns if "Cap" in name]
-        silent = table.with_columns(**{name: 0 * table[name] for name in names})
-        (table if k == 0 else silent).write_parquet(tmp_path / f"c{k}.parquet")
-    (tmp_path / "broken.parquet").write_bytes(b"PAR1")
-    rows = [{"id": f"c{k}", "records": f"c{k}.parquet"} for k in range(3)]
-    pl.DataFrame([*rows, {"id": "d", "records": "broken.parquet"}]).write_csv(tmp_path / "m.csv")
-    cells = read_manifest(tmp_path / "m.csv")[0]
-    loggers = loggers_of_fleet(cells, {})
-    samplings = [sampling(cell, loggers) for cell in cells[:3]]
-    assert [one.value for one in samplings] == ["backward"] * 3
-    assert samplings[2].reason.startswith("in c0.parquet at ")

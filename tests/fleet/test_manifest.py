@@ -9,7 +9,7 @@ import pytest
 
 from barnax.bundled import BUNDLED
 from barnax.errors import InputError, as_keys
-from barnax.fleet import read_manifest
+from barnax.fleet import FleetCell, read_manifest
 from barnax.fleet.dataset import in_shard, parse_shard
 from barnax.fleet.rows import identify_rows
 from barnax.records.readers import content as bytes_of
@@ -197,3 +197,9 @@ def test_the_manifest_of_the_case_has_six_problems(real_data, tmp_path):
     problems = []
     cells, _ = read_manifest(tmp_path / case.name, problems=problems)
     assert len([*problems, *problem_lines(cells, {})]) == 6
+
+
+def test_a_validation_window_that_cannot_be_is_named_with_its_cell():
+    cells = [FleetCell("a", validate_window={"initial_soc": 95.0})]
+    (line,) = problem_lines(cells, {})
+    assert line.startswith("a: initial_soc 95.0 is not a fraction")

@@ -57,6 +57,11 @@ def test_a_simulation_starts_at_a_time_or_after_the_last_block_of_a_step(window,
     assert first_sample(made(), window, 0.01) == first
 
 
+def test_a_range_that_cannot_be_read_is_refused_with_an_example():
+    with pytest.raises(InputError, match=r"`score_soc` '0.2:0.8' is not as in 0.1,1"):
+        Window(score_soc="0.2:0.8")
+
+
 @pytest.mark.parametrize(
     ("window", "first", "expected"),
     [

@@ -1,33 +1,25 @@
 """Records of many lengths through one compiled scan: one program, and the bits of each alone."""
 
-import functools
 from contextlib import contextmanager
 from dataclasses import replace
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import jax.random as jr
 import numpy as np
 import pytest
 
-import barnax.search.seeds
 from barnax.cell import CircuitParameters
 from barnax.execution import in_float64
 from barnax.model.problem import FACTOR_STEP, make_problem, rmse_by_scan
 from barnax.model.simulate import SimulationInput
 from barnax.model.window import Window
-from barnax.optimizers import make_optimizer
 from barnax.search.evaluate import evaluate
-from barnax.search.seeds import search_many, search_seeds
 from barnax.uncertainty.covariance import linearize
-from helpers.compiling import USERS_KERNELS
 from helpers.problems import drive_a
 from helpers.reference import make_record
 from helpers.scan import rc_parameters
 
-# One that compiles quickly.
-OPTIMIZER = make_optimizer("pso", 8, 20)
 KNOWN_SOC = Window(initial_soc=0.8, initial_direction=-1)
 
 
@@ -60,39 +52,6 @@ def counted_compilations():
         yield compiled
     finally:
         jax.monitoring.unregister_event_duration_listener(note)
-
-
-CASES = {
-    "uneven": ("1rc", [uneven(261, 2), uneven(304, 1)]),
-    "uneven, with a state that moves": ("esc", [uneven(261, 2), uneven(304, 1)]),
-}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("case", CASES)
-def test_records_of_many_lengths_share_a_program_and_have_the_bits_each_has_alone(
-    bundled_cell, case, monkeypatch
-):
-    circuit, clocks = CASES[case]
-    problems = [problem_of(bundled_cell, circuit, [clock]) for clock in clocks]
-    compile_for, programs = barnax.search.seeds.compile_for, set()
-    # Other kernels than users have need not keep the bits.
-    jit = functools.partial(eqx.filter_jit, compiler_options=USERS_KERNELS)
-    monkeypatch.setattr(eqx, "filter_jit", jit)
-
-    def counted(*arguments):
-        program = compile_for(*arguments)
-        programs.add(id(program))
-        return program
-
-    monkeypatch.setattr(barnax.search.seeds, "compile_for", counted)
-    together = search_many(problems, OPTIMIZER, key=jr.key(0), seeds=2)
-    assert len(programs) == 1
-    alone = search_seeds(problems[0], OPTIMIZER, key=jr.key(0), seeds=2)
-    assert len(programs) == 2
-    for ours, expected in zip(together[0].seeds, alone.seeds, strict=True):
-        assert ours.parameters == expected.parameters
-        assert ours.rmse_v == expected.rmse_v
 
 
 @pytest.mark.parametrize("circuit", ["so-rc", pytest.param("esc", marks=pytest.mark.slow)])

@@ -54,17 +54,6 @@ def test_a_search_asked_and_told_is_that_of_one_call(whole):
     assert state.evaluations == 8 * 21
 
 
-def test_a_tenth_step_of_optimistix_is_the_tenth_generation(whole):
-    options = {"key": jr.split(KEY, 4)[0], "lower": -4.0, "upper": 3.0, "use_y0": False}
-    solution = optx.minimise(
-        bowl, BarnacleMating(**SMALL), jnp.zeros(2), options=options, max_steps=10, throw=False
-    )
-    assert solution.result == optx.RESULTS.nonlinear_max_steps_reached
-    assert (solution.stats["evaluations"], solution.stats["num_steps"]) == (88, 10)
-    expected = np.append(history_of(whole)[0, :11], [history_of(whole)[0, 10]] * 10)
-    np.testing.assert_allclose(history_of(solution), expected, rtol=1e-4)
-
-
 def test_a_swarm_with_a_memory_is_the_same_step_by_step():
     """Velocities are those of the generation before, and no later ones."""
     key, optimizer = jr.key(1), ParticleSwarm(population=12, iterations=5)
@@ -73,13 +62,6 @@ def test_a_swarm_with_a_memory_is_the_same_step_by_step():
     at_once = minimise(bowl, optimizer, LOWER, UPPER, key=key)
     assert len(set(history_of(at_once).tolist())) > 2
     np.testing.assert_allclose(history_of(stepwise), history_of(at_once), rtol=1e-4)
-
-
-def test_a_setting_may_be_an_array():
-    """As where settings are searched for, or vary over a vmap."""
-    optimizer = ParticleSwarm(8, 20, inertia_start=jnp.array(0.8), stop=Stop(max_evaluations=30))
-    solution = minimise(bowl, optimizer, LOWER, UPPER, key=KEY)
-    assert solution.stats["evaluations"] == 24
 
 
 def test_no_search_that_is_over_reports_beside_others():
@@ -140,21 +122,6 @@ def test_each_search_ends_in_the_first_generation_where_its_stop_is_reached(
     np.testing.assert_array_equal(stopped.stats["evaluations"], 8 * (np.array(ends) + 1))
     alone = run(stop, key=jr.split(KEY, 4)[1])
     np.testing.assert_array_equal(history_of(alone), history_of(stopped)[1])
-
-
-def test_a_pytree_is_searched_as_its_numbers_in_order_are(whole):
-    def bowl_of_tree(y, args):
-        return (y["a"] - CENTER[0]) ** 2 + jnp.sum((y["b"] - CENTER[1]) ** 2)
-
-    tree = minimise(
-        bowl_of_tree,
-        BarnacleMating(**SMALL),
-        {"a": -4.0, "b": jnp.full((1, 1), -4.0)},
-        {"a": 3.0, "b": jnp.full((1, 1), 3.0)},
-        key=jr.split(KEY, 4),
-    )
-    assert tree.value["b"].shape == (4, 1, 1)
-    np.testing.assert_allclose(history_of(tree), history_of(whole), rtol=1e-5)
 
 
 def test_a_numpy_function_is_refused_bare_and_searched_wrapped(whole):

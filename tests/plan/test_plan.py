@@ -152,28 +152,6 @@ def test_a_record_alone_shows_its_own_ocv_and_a_slow_sweep_alone_lacks_a_record(
     assert "measure a drive" in plan(tmp_path).missing
 
 
-@pytest.mark.slow
-def test_a_record_of_each_temperature_is_identified_on_with_its_own_ocv_test(folder):
-    change(folder, "a", at(5.0))
-    change(folder, "bcd", at(25.0))
-    assert roles(plan(folder))["a.parquet"] == "not used"
-    found = plan(folder, over="soc,temperature")
-    assert [part.name for part in found.of_role("identification")] == ["c.parquet", "a.parquet"]
-    for name in "bd":
-        warm = pl.read_parquet(folder / f"{name}.parquet")
-        cold = warm.with_columns(at(5.0), pl.col(VOLTAGE) + 1e-3)
-        cold.write_parquet(folder / f"cold {name}.parquet")
-    alone = plan(folder)
-    assert len(alone.of_role("OCV test")) == 2
-    assert "for tables over temperature" in reason(alone, "a.parquet")
-    found = plan(folder, over="soc,temperature")
-    assert len(found.of_role("OCV test")) == 4
-    # Given beside a folder, those of one temperature are one test too.
-    names = ("b", "d", "cold b", "cold d")
-    given = plan(folder, ocv=[folder / f"{name}.parquet" for name in names], over="soc,temperature")
-    assert roles(given) == roles(found)
-
-
 def test_what_is_said_of_a_record_is_known_before_roles_are_chosen(folder):
     for name in ("a", "c"):
         path = folder / f"{name}.parquet"

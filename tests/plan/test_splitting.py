@@ -4,14 +4,11 @@ import numpy as np
 import polars as pl
 import pytest
 
-import barnax
 from barnax.bundled import BUNDLED, bundled_file
-from barnax.plan import plan, plan_from_toml, plan_to_toml
+from barnax.plan import plan
 from barnax.records import read_record
 from helpers.known_cell import made
 from helpers.records import CURRENT, TIME, VOLTAGE
-
-SMALL = {"model": "so-rc", "seeds": 2, "population": 8, "iterations": 5, "trust": "none"}
 
 
 def charge_to_full():
@@ -49,35 +46,6 @@ def test_each_test_of_a_schedule_has_a_role_of_its_own(schedule):
     assert served["schedule.parquet#3"].window.initial_soc == 1.0
     begin_s, end_s = served["schedule.parquet#2"].span_s
     assert end_s - begin_s == pytest.approx(5.47 * 3600, rel=0.01)
-
-
-@pytest.mark.slow
-def test_a_cut_file_gives_the_circuit_of_its_parts(schedule, tmp_path):
-    # Their axes of charge differ, and so would the start that a rested voltage tells.
-    start = barnax.Window(initial_soc=1.0)
-    found = barnax.identify(schedule, window=start, **SMALL)
-    alone = barnax.identify(
-        [BUNDLED.record, BUNDLED.validation],
-        ocv=BUNDLED.ocv,
-        window=start,
-        ocv_fit="interpolated",
-        **SMALL,
-    )
-    # One axis of charge for both directions is another OCV, by some millivolts.
-    assert found.metrics.identification.rmse_v == pytest.approx(
-        alone.metrics.identification.rmse_v, rel=0.05
-    )
-    (tmp_path / "result.json").write_text(found.to_json())
-    loaded = barnax.Result.load(tmp_path, data=schedule.parent)
-    for one, other in zip(
-        found.evaluations.identification, loaded.evaluations.identification, strict=True
-    ):
-        np.testing.assert_array_equal(one.simulated_v, other.simulated_v)
-    path = tmp_path / "plan.toml"
-    path.write_text(plan_to_toml(plan(schedule)))
-    read = plan_from_toml(path)
-    assert [part.span_s for part in read.parts] == [part.span_s for part in plan(schedule).parts]
-    assert barnax.identify(path, window=start, **SMALL).parameters == found.parameters
 
 
 def test_a_file_of_one_test_stays_whole():

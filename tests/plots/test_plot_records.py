@@ -46,17 +46,6 @@ def test_the_magnified_stretch_is_the_scored_one_with_the_largest_error():
     assert worst_stretch(error_v, scored) == slice(np.argmax(sums_v2), np.argmax(sums_v2) + 200)
 
 
-def test_every_row_s_voltage_is_drawn_over_the_measured_one():
-    record, wave = make_record(600), np.sin(np.arange(600) / 50)
-    rows = {f"row {k}": make_evaluation(record, None, k * 1e-3 * wave) for k in range(2)}
-    whole = plot_voltage(rows).axes[0]
-    first = rows["row 0"]
-    np.testing.assert_array_equal(line(whole, "measured").get_ydata(), first.prepared.voltage_v)
-    for label, each in rows.items():
-        name = f"{label} (RMSE {1e3 * each.metrics.rmse_v:.3g} mV)"
-        np.testing.assert_array_equal(line(whole, name).get_ydata(), each.simulated_v)
-
-
 @pytest.mark.parametrize("plot", [plot_voltage, plot_error])
 def test_rows_on_different_samples_are_refused(plot):
     rows = {f"{samples}": make_evaluation(make_record(samples)) for samples in (600, 500)}

@@ -1,7 +1,5 @@
 """A record is told again whatever was done to its file, and a test that was repeated is another."""
 
-from itertools import permutations
-
 import numpy as np
 import pytest
 
@@ -71,15 +69,6 @@ def test_the_same_current_again_or_on_another_cell_is_another_record(noise_v, pl
     assert not one.is_like(other)
     assert not one.holds(other.fingerprint)
     assert not other.holds(one.fingerprint)
-
-
-@pytest.mark.slow
-def test_measured_records_of_one_cell_are_different(real_data):
-    paths = real_data.glob("calce*/*_SP20-2.parquet")
-    contents = [Content(read_record(path)) for path in paths]
-    assert len(contents) == 8
-    for one, other in permutations(contents, 2):
-        assert not one.holds(other.fingerprint)
 
 
 def test_a_part_overlaps_with_the_whole_and_not_with_what_follows_it(record):

@@ -129,13 +129,6 @@ def test_counters_halfway_between_the_holds_prove_nothing(tmp_path):
     assert decided(tmp_path, frame).strength == "assumed"
 
 
-@pytest.mark.parametrize("values", [np.zeros(400), np.random.default_rng(0).uniform(size=400)])
-def test_meaningless_counters_prove_nothing(tmp_path, values):
-    names = ["Charging Capacity / Ah", "Discharging Capacity / Ah"]
-    frame = counted("backward").with_columns(pl.Series(name, values) for name in names)
-    assert decided(tmp_path, frame).strength == "assumed"
-
-
 def test_a_given_hold_is_taken_and_the_proof_against_it_told(tmp_path):
     decision = decided(tmp_path, counted("backward"), current_hold="forward")
     assert (decision.value, decision.strength) == ("forward", "given")

@@ -18,7 +18,7 @@ from barnax.reporting.document import Picture
 from barnax.reporting.first_screen import first_screen, next_step
 from barnax.reporting.identification import identification_document, search_boxes
 from barnax.reporting.illustrations import identification_illustrations, record_roles
-from barnax.reporting.render import to_html, to_markdown
+from barnax.reporting.render import to_markdown
 from barnax.reporting.view import View
 from barnax.reporting.wording import sentences, wording
 from barnax.result_parts import MetricsPart
@@ -26,10 +26,8 @@ from barnax.results import Result
 from barnax.search.answers import AtBound
 from barnax.settings import Registration
 from helpers.golden import GOLDEN, RESULT, require_golden, without_blanks
-from helpers.report_reader import ReportReader, screen_of
+from helpers.report_reader import screen_of
 from helpers.results import make_table_result, with_constant
-
-LARGEST_REPORT = 4_000_000
 
 STORED = Result.from_json(RESULT)
 WINDOWS = [
@@ -170,20 +168,6 @@ def test_names_that_a_terminal_would_obey_are_shown_whole_in_80_columns():
     assert "\x1b" not in text
     assert "a [bold]lon...xxxxxxxx.csv" in text
     assert max(map(len, text.splitlines())) <= 80
-
-
-@pytest.mark.slow
-def test_a_page_is_the_same_bytes_again_and_can_be_mailed(joint):
-    pages = []
-    for live in (False, True, False):
-        drawn = identification_illustrations(joint, live=live)
-        pages.append(to_html(identification_document(joint, drawn)))
-        assert [each.name for each in drawn if each.live] == live * [
-            "identification-1-voltage", "identification-2-voltage", "validation-1-voltage"
-        ]  # fmt: skip
-    assert ReportReader(pages[0]).count("img") == len(drawn)
-    assert len(pages[0]) < LARGEST_REPORT
-    assert pages[0] == pages[2]
 
 
 def test_records_identified_together_stand_one_by_one_and_as_a_whole(joint):

@@ -13,11 +13,9 @@ from jaxtyping import Float
 
 from ..cell import CircuitParameters
 from ..cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION
-from ..execution import as_input, compile_for, in_float64
+from ..execution import in_float64
 from .prepared import BLOCK, PreparedRecord
-
-# Programs are compiled for so many RC pairs, or a multiple.
-PAIRS = 3
+from .reduced import answer_block
 
 
 @in_float64
@@ -49,41 +47,32 @@ def error_blocks_of(
     """The same of several circuits that differ in their tables alone, each on the one record with
     an OCV of its own, at once."""
     from .intervals import sized
-    from .simulate import advance_all
 
     circuits = [one.laddered() for one in parameters]
     pairs = zip(alike, circuits, strict=True)
     records = [_as_tabulated(prepared, circuit) for prepared, circuit in pairs]
-    # Circuits of up to three pairs share a program: pairs without resistance change no bit.
-    tau_s = _padded(circuits[0].tau_s)
-    first = records[0]
-    gamma = None if first.hysteresis_amplitude_v is None else circuits[0].gamma
-    states = np.zeros((len(circuits), len(tau_s) + (gamma is not None)))
-    scales = as_input(tau_s), None if gamma is None else as_input(gamma)
-    for here, inputs in first.input_blocks(BLOCK, min(tau_s), gamma):
-        size = here.stop - here.start
-        soc = np.pad(first.soc[here], (0, BLOCK - size), mode="edge")
-        ohm = np.zeros((len(circuits), 1 + len(tau_s), BLOCK))
-        for index, each in enumerate(circuits):
-            ohm[index, : 1 + len(each.tau_s)] = [each.at(name, soc) for name in each.resistances]
-        base_v = np.stack(
-            [sized((each.voltage_v - each.source_v)[here], BLOCK) for each in records]
+    first, gamma, taus_s = records[0], circuits[0].gamma, np.array(circuits[0].tau_s)
+    gamma = None if first.hysteresis_amplitude_v is None else gamma
+    states, turned = np.zeros((len(taus_s), 1, len(circuits))), np.zeros((1, 1))
+    for here, inputs in first.input_blocks(BLOCK, float(taus_s.min()), gamma):
+        soc, size = sized(first.soc[here], BLOCK), here.stop - here.start
+        rows = [[circuit.at(name, soc) for name in circuit.resistances] for circuit in circuits]
+        r0_ohm, *r_ohm = np.stack(rows, axis=-1)
+        error_v = r0_ohm * np.asarray(inputs.current_a)[:, None]
+        for pair, ohm in enumerate(r_ohm):
+            held_v, tau_s = ohm * np.asarray(inputs.held_a)[:, None], taus_s[pair : pair + 1]
+            states[pair], drop_v = answer_block(tau_s, states[pair], held_v, inputs.intervals)
+            error_v += drop_v[:, 0]
+        error_v = error_v[:size] + np.stack(
+            [(each.voltage_v - each.source_v)[here] for each in records], axis=1
         )
-        amplitude_v = [
-            sized(each.hysteresis_amplitude_v[here], BLOCK)
-            for each in records
-            if each.hysteresis_amplitude_v is not None
-        ]
-        each = ohm, base_v, np.stack(amplitude_v) if amplitude_v else None
-        advance = compile_for(advance_all, *scales, *each, inputs, states)
-        states, errors_v = advance(*scales, *each, inputs, states)
-        yield here, np.asarray(errors_v)[:, :size]
-
-
-def _padded(tau_s: Sequence[float]) -> Float[np.ndarray, "pairs"]:
-    """Time constants with those of further pairs, up to a multiple of `PAIRS`."""
-    more = -len(tau_s) % PAIRS
-    return np.append(tau_s, np.full(more, max(tau_s, default=1.0)))
+        if inputs.hysteresis is not None and gamma is not None:
+            turning = np.asarray(inputs.hysteresis.hysteresis_input)[:, None]
+            clock, tau = inputs.hysteresis.intervals, np.array([1 / gamma])
+            turned, state = answer_block(tau, turned, turning, clock)
+            amplitudes_v = [np.asarray(each.hysteresis_amplitude_v)[here] for each in records]
+            error_v -= state[:size, 0] * np.stack(amplitudes_v, axis=1)
+        yield here, error_v.T
 
 
 def _as_tabulated(prepared: PreparedRecord, circuit: CircuitParameters) -> PreparedRecord:

@@ -312,31 +312,6 @@ class Pair:
         return state + gain * (held_a - state)
 
 
-def advance_all(
-    tau_s: Float[Array, "pairs"],
-    gamma: Scalar | None,
-    ohm: Float[Array, "circuits resistances samples"],
-    base_v: Float[Array, "circuits samples"],
-    amplitude_v: Float[Array, "circuits samples"] | None,
-    inputs: SimulationInput,
-    states: Float[Array, "circuits states"],
-) -> tuple[Float[Array, "circuits states"], Float[Array, "circuits samples"]]:
-    """The states of every pair, then of a dynamic hysteresis, after the last sample, and the error
-    at every one, of every circuit."""
-    pairs, respond_all = len(tau_s), jax.vmap(partial(respond, intervals=inputs.intervals))
-
-    def advance(ohm, base_v, amplitude_v, states):
-        ends_v, drops_v = respond_all(tau_s, states[:pairs], ohm[1:] * inputs.held_a)
-        error_v = base_v + ohm[0] * inputs.current_a + jnp.sum(drops_v, axis=0)
-        if inputs.hysteresis is None or amplitude_v is None or gamma is None:
-            return ends_v, error_v
-        clock, turning = inputs.hysteresis.intervals, inputs.hysteresis.hysteresis_input
-        turned, state = respond(1 / gamma, states[pairs], turning, clock)
-        return jnp.append(ends_v, turned), error_v - amplitude_v * state
-
-    return jax.vmap(advance)(ohm, base_v, amplitude_v, states)
-
-
 # Of arrays alone: flattening a module took longer than the program.
 @partial(jax.jit, static_argnums=(6, 7))
 def respond_all(tau, state, held, node_s, node, offset_s, is_even: bool, has_offsets: bool):

@@ -10,7 +10,7 @@ import pytest
 
 from barnax.cell import CircuitParameters
 from barnax.errors import InputError
-from barnax.model.coordinates import Coordinates
+from barnax.model.compressed import Coordinates
 from barnax.model.problem import make_problem, residuals, rmse, rmse_by_scan
 from barnax.model.window import Window
 from helpers.reference import drop_v, looped_response

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from barnax.errors import InputError
-from barnax.model.coordinates import Coordinates
+from barnax.model.compressed import Coordinates
 from barnax.model.search_space import SCALES, Bounds, read_bounds
 from barnax.model.simulate import RCParameters
 

@@ -17,8 +17,7 @@ from barnax.global_optimum.search import find_global_optimum
 from barnax.job import Job
 from barnax.model.prepared import prepare_record
 from barnax.model.problem import make_problem
-from barnax.model.rest import mean_at_rest
-from barnax.model.window import Window
+from barnax.model.window import Window, mean_at_rest
 from barnax.plan.running import prepare_pulse_tests
 from barnax.records import read_record
 from barnax.run_setup import with_joint_starts

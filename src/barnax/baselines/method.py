@@ -9,7 +9,7 @@ from scipy.stats import qmc
 
 from ..cell import CircuitParameters
 from ..cell.elements import alike
-from ..model.coordinates import Coordinates
+from ..model.compressed import Coordinates
 from ..model.problem import Problem
 from ..schema import Count, Loss
 

@@ -179,7 +179,9 @@ class ConstantObjective(LinearObjective):
         # In NumPy: JAX would compile a program for every slice of every shape.
         factor = np.asarray(short.factor) / np.sqrt(float(short.scored))
         count = len(short.in_tau.nodes)
-        in_tau, in_rate = spans_between(ends_of(problem.prepared_records, problem.coordinates))
+        in_tau, in_rate = spans_between(
+            ends_of(problem.prepared_records, *problem.coordinates.spans)
+        )
         answers = factor.T[:-2, :, None]
         axes = [
             Axis(names.tau, math.log(low), math.log(high), 1 + at, answers[:count], None, in_tau, 1,

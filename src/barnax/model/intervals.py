@@ -65,11 +65,9 @@ class Intervals(eqx.Module):
         nodes, offset_s = np.asarray(self.node_s), np.asarray(self.offset_s)
         offset_s = 0 * offset_s if in_one_form and not self.has_offsets else offset_s
         node_s, node = sized(nodes, next_nodes(len(nodes))), sized(np.asarray(self.node), samples)
-        return Intervals(
-            *map(as_input, (node_s, node, sized(offset_s, samples))),
-            is_even=self.is_even and not in_one_form,
-            has_offsets=self.has_offsets or in_one_form,
-        )
+        arrays = map(as_input, (node_s, node, sized(offset_s, samples)))
+        is_even, has_offsets = self.is_even and not in_one_form, self.has_offsets or in_one_form
+        return Intervals(*arrays, is_even=is_even, has_offsets=has_offsets)
 
 
 def sized(values: Shaped[np.ndarray, "some"], size: int) -> Shaped[np.ndarray, "size"]:

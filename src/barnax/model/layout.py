@@ -4,7 +4,7 @@ the columns of the reduced factor of some records, in the order in which they st
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -81,9 +81,6 @@ def shorten(
     return shorter
 
 
-if TYPE_CHECKING:
-    from .coordinates import Coordinates
-
 # Bound on the error of a pair's answer, relative to the largest current.
 TOLERANCE = 1e-12
 
@@ -101,10 +98,10 @@ def span_ends(taus_s: Range, gammas: Range | None, interval_s: float) -> list[Ra
     return [in_tau] if gammas is None else [in_tau, (1 / gammas[1], 1 / gammas[0])]
 
 
-def ends_of(records: Sequence[PreparedRecord], box: "Coordinates") -> list[Range]:
-    """The same of every circuit in a box."""
+def ends_of(records: Sequence[PreparedRecord], taus_s: Range, gammas: Range | None) -> list[Range]:
+    """The same as far as the densest samples of some records can tell."""
     interval_s = min(float(np.min(np.diff(prepared.time_s))) for prepared in records)
-    return span_ends(box.tau_span_s, box.gamma_limits, interval_s)
+    return span_ends(taus_s, gammas, interval_s)
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,8 +17,7 @@ from ..errors import InputError, require_choice
 from ..execution import CIRCUITS_PER_BLOCK, as_input, compile_for, in_float64, seed_blocks
 from ..notices import Notice
 from ..records import Record
-from .compressed import Compressed, compress
-from .coordinates import Coordinates
+from .compressed import Compressed, Coordinates, compress
 from .exponentials import can_span
 from .layout import TOLERANCE, ends_of
 from .prepared import PreparedRecord, prepare_record
@@ -145,7 +144,7 @@ class Problem(Brief):
     def _inputs(self, *, in_common_size: bool) -> tuple[SimulationInput, ...]:
         from .intervals import common_size
 
-        (shortest_s, _), gammas = self.coordinates.tau_span_s, self.coordinates.gamma_limits
+        (shortest_s, _), gammas = self.coordinates.spans
         exact_for = shortest_s, None if gammas is None else gammas[1]
         sizes = (common_size(len(prepared.soc)) for prepared in self.prepared_records)
         return tuple(
@@ -161,7 +160,7 @@ class Problem(Brief):
     @property
     def is_compressible(self) -> bool:
         """True where the box is narrow enough for the small factor."""
-        ends = ends_of(self.prepared_records, self.coordinates)
+        ends = ends_of(self.prepared_records, *self.coordinates.spans)
         return all(can_span(*each, TOLERANCE) for each in ends)
 
     @cached_property

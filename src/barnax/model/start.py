@@ -16,8 +16,7 @@ from ..records import Record
 from ..records.log import goes_on
 from ..records.record import MINIMUM_REST_S, Segments, is_long
 from ..settings import SocSource
-from .rest import cell_at_rest, fitted_soc, mean_at_rest
-from .window import Window, relaxing_rest
+from .window import Window, cell_at_rest, fitted_soc, mean_at_rest, relaxing_rest
 
 # A discharge ends empty after so long, at up to C/1.8, for many tests make it at C/2. The voltage
 # without R I is within 2 % of an end.

@@ -14,9 +14,15 @@ from ..cell.model import group_near
 from ..cell.soc_axis import GIVEN
 from ..errors import InputError
 from ..model.prepared import PreparedRecord, prepare_record, soc_along
-from ..model.rest import cell_at_rest
 from ..model.start import find_start, require_whole_log
-from ..model.window import OCV_MARGIN, Window, first_sample, scored_samples, temperature_of
+from ..model.window import (
+    OCV_MARGIN,
+    Window,
+    cell_at_rest,
+    first_sample,
+    scored_samples,
+    temperature_of,
+)
 from ..notices import Notice
 from ..records import Record
 from ..records.log import in_means

@@ -13,7 +13,7 @@ import barnax
 from barnax.bundled import BUNDLED
 from barnax.execution import in_float64
 from barnax.model.problem import rmse
-from barnax.optimizers import evaluations_per_iteration, make_optimizer, minimise
+from barnax.optimizers import ParticleSwarm, evaluations_per_iteration, make_optimizer, minimise
 
 from .runs import CANDIDATES, HALF_WIDTH, OURS
 
@@ -61,9 +61,22 @@ def seconds(compiled: Any, *args: Any) -> float:
     return min(spent)
 
 
+class TwoNumbers(ParticleSwarm):
+    """A swarm that draws two numbers a particle as evosax's does, in place of two a dimension."""
+
+    def draw(self, key, generation, box):
+        pulls = jnp.array([self.memory_pull, self.swarm_pull], box.lower.dtype)[:, None, None]
+        return pulls * jr.uniform(key, (2, self.population, 1), box.lower.dtype)
+
+
+# What is timed beside the optimizers that have a name.
+VARIANTS = {"pso, two numbers a particle": TwoNumbers}
+
+
 def compiled_search(name: str, generations: int, keys: jax.Array) -> Any:
     ends = jnp.full(DIMS, -HALF_WIDTH), jnp.full(DIMS, HALF_WIDTH)
-    optimizer = make_optimizer(name, CANDIDATES, generations)
+    make = VARIANTS.get(name, partial(make_optimizer, name))
+    optimizer = make(CANDIDATES, generations)
     search = jax.jit(lambda keys: minimise(sphere, optimizer, *ends, key=keys).stats["best_loss"])
     return search.lower(keys).compile()
 
@@ -73,7 +86,7 @@ def speed() -> dict[str, Any]:
     key = jr.key(0)
     rates = [
         [name, 1e6 * seconds(compiled_search(name, GENERATIONS, key), key) / GENERATIONS]
-        for name in OURS
+        for name in (*OURS, *VARIANTS)
     ]
     return {"rows": rates + evosax_rates(key)}
 

@@ -11,11 +11,8 @@ from barnax.checks import FileCheck, check_file
 from barnax.checks.roles import are_unfit
 from barnax.errors import InputError
 from barnax.inputs import (
-    InputFile,
     input_warnings,
     read_inputs,
-    source_of,
-    warnings_about,
     windows_of,
 )
 from barnax.job import Job
@@ -23,7 +20,6 @@ from barnax.model.window import Window
 from barnax.notices import Notice
 from barnax.pipeline import identify
 from barnax.records import source_from_frame
-from barnax.settings import Reading
 from helpers.records import logged
 
 
@@ -103,17 +99,6 @@ def test_what_makes_r0_wrong_says_nothing_against_an_ocv_test():
     )
     assert of_record == [each.code for each in found]
     assert of_test == ["gaps.missing"]
-
-
-def test_a_record_to_validate_on_is_checked_too(tmp_path, bundled_cell):
-    table = pl.read_parquet(BUNDLED.validation)
-    doubled = pl.concat([table.head(40), table[39:]])
-    doubled.write_parquet(tmp_path / "twice.parquet")
-    path = tmp_path / "twice.parquet"
-    file = InputFile.of(source_of(path, {}, Reading()), "validation", Reading())
-    warnings = warnings_about([file], bundled_cell, None, None, Reading())
-    found = {(each.subject, each.row) for each in (*warnings, *file.content.notes)}
-    assert ("twice.parquet", 42) in found
 
 
 def refusal(record, **options):

@@ -169,13 +169,6 @@ def built(tmp_path_factory):
     return folder
 
 
-@pytest.mark.slow
-def test_building_twice_gives_the_same_bytes(built, tmp_path):
-    build(tmp_path)
-    for first in built.iterdir():
-        assert (tmp_path / first.name).read_bytes() == first.read_bytes()
-
-
 def files_below(folder):
     files = (path for path in folder.rglob("*") if path.is_file() and path.suffix != ".pyc")
     return {path.relative_to(folder.parent).as_posix() for path in files}

@@ -49,27 +49,6 @@ def test_bounds_of_almost_nothing_are_searched_by_the_scan_and_lose_nothing():
     assert result.to_json()
 
 
-def frame_of(path, library):
-    table = pl.read_parquet(path)
-    if library == "polars":
-        return table
-    return pytest.importorskip("pandas").DataFrame(table.to_dict(as_series=False))
-
-
-@pytest.mark.parametrize("library", ["polars", "pandas"])
-def test_data_frames_give_what_their_files_give(few, library):
-    result = barnax.identify(
-        frame_of(BUNDLED.record, library),
-        ocv=[frame_of(path, library) for path in OCV],
-        validate=frame_of(BUNDLED.validation, library),
-        window=SHORT,
-        **SMALL,
-    )
-    assert result.parameters == few.parameters
-    assert result.metrics.validation[0].rmse_v == few.metrics.validation[0].rmse_v
-    assert [each.sign for each in result.inputs] == [each.sign for each in few.inputs]
-
-
 def test_the_same_samples_are_refused_in_any_bytes_and_told_of_a_stored_result(few, tmp_path):
     copy, part = tmp_path / "copy.parquet", tmp_path / "part.csv"
     copy.write_bytes(BUNDLED.record.read_bytes())

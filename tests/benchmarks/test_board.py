@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from benchmarks.board.__main__ import main
 from benchmarks.board.tools import PEERS, along, submitted
 from scipy.signal import lfilter
 
@@ -52,10 +51,3 @@ def test_a_submitted_circuit_is_simulated(pair, tmp_path):
     path.write_text("SOC,R0 [Ohm],R1 [Ohm]\n0.5,0.05,0.02\n")
     with pytest.raises(InputError, match=r"made\.csv: no table of a circuit .*tau1"):
         submitted(path)
-
-
-def test_where_the_records_are_is_said_without_them(capsys):
-    main(["--where"])
-    said = capsys.readouterr().out
-    assert "doi.org/10.17632/cp3473x7xv" in said
-    assert "lg_hg2_25_degc.csv" in said

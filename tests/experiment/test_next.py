@@ -22,7 +22,6 @@ from barnax.reporting.design import design_screen, reached_half
 from barnax.reporting.design_forms import design_files
 from barnax.reporting.first_screen import next_step
 from helpers.designs import BLOCKS, quick_design
-from helpers.known_cell import made
 from helpers.reference import make_record
 from helpers.report_reader import screen_of
 from helpers.results import with_fit
@@ -191,19 +190,6 @@ def test_voltages_are_those_of_a_chemistry_or_the_narrower_where_no_full_cell_sh
     )
     table = OcvTable("a.csv", {0: points}, sha256="")
     assert window_of(characterize([table], capacity_ah=2.0, ocv_fit="interpolated")) == window_v
-
-
-@pytest.mark.slow
-def test_an_answer_of_one_value_at_every_soc_is_a_prior_with_its_values():
-    window = barnax.Window(initial_soc=1.0, capacity_ah=2.0)
-    quick = {"model": "so-rc", "seeds": 0, "trust": "none"}
-    result = barnax.identify(made()[0], window=window, **quick)
-    assert result.answer == "so-rc with a fitted OCV"
-    tables = prior_of(result, None).tables
-    for name in ("R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]"):
-        np.testing.assert_array_equal(np.unique(tables.tables[name]), result.parameters[name])
-    for name, tau_s in tables.constants.items():
-        assert tau_s == result.parameters[name]
 
 
 def test_another_capacity_leaves_the_largest_currents_in_ampere():

@@ -1,5 +1,7 @@
 """What every export starts from: curves over SOC as tables that are read linearly."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -10,13 +12,20 @@ import barnax.export.tables
 from barnax.cell import SegmentedHysteresis
 from barnax.cell.circuits import Circuit, Hysteresis
 from barnax.errors import InputError
+from barnax.export import EXPORTERS, HeldLoad
 from barnax.export.tables import TOLERANCE_V, linear_table, segment_table, tables_of
+from barnax.export.verification import pulse_profile, simulate_here
 from barnax.over_soc.node_interval import NodeInterval
 from barnax.search.answers import AtBound
 from helpers.results import (
+    CAPACITY_AH,
     CORRECTION_V,
+    GAMMA,
     NODES,
+    PAIRS,
+    PAIRS_OF,
     TABLE_OHM,
+    TABLE_TAU_S,
     make_cell,
     make_result,
     make_table_result,
@@ -24,7 +33,7 @@ from helpers.results import (
     with_fit,
 )
 
-from .conftest import DEGC, r0_ohm
+from .conftest import DEGC, every_circuit, r0_ohm, run_module
 
 FINE = np.linspace(0.0, 1.0, 40001)
 
@@ -44,12 +53,6 @@ def test_a_table_follows_any_monotone_cubic_within_the_tolerance(voltages_v, see
     assert (table.soc[0], table.soc[-1]) == (0.0, 1.0)
     # Between the three places that are checked, a cubic bends little more.
     assert np.abs(table(FINE) - clipped(FINE)).max() < 1.1 * TOLERANCE_V
-
-
-def test_the_ocv_of_a_result_is_the_mean_of_both_branches():
-    cell, ocv = make_cell(), tables_of(make_result()).ocv
-    mean_v = (cell.charge(FINE) + cell.discharge(FINE)) / 2
-    assert np.abs(ocv(FINE) - mean_v).max() < 1.1 * TOLERANCE_V
 
 
 @pytest.mark.parametrize("fit", ["continuous", "independent"])
@@ -112,23 +115,6 @@ def test_a_circuit_that_remembers_its_turns_is_refused():
         tables_of(make_result("so-rc").model_copy(update={"model": "takacs"}))
 
 
-def test_the_ocv_holds_the_correction_exactly():
-    table, soc = tables_of(make_table_result()).ocv, np.linspace(0, 1, 401)
-    expected_v = make_cell().average_ocv_v(soc) + np.interp(soc, NODES, CORRECTION_V)
-    assert np.abs(table(soc) - expected_v).max() < 1.1 * TOLERANCE_V
-    assert table.soc[0] == NODES[0]
-
-
-def test_every_temperature_has_its_own_ocv(over_temperature):
-    tables, soc = tables_of(over_temperature), np.array([0.33])
-    for degc, row in zip(tables.degc, tables.ocv_v, strict=True):
-        between = over_temperature.fits.tables.at(degc)
-        lift_v = np.interp(degc, DEGC, (-4e-3, 0.0, 4e-3))
-        mean_v = over_temperature.cell.average_ocv_v(soc) + lift_v
-        expected_v = mean_v + between.at("OCV correction [V]", soc)
-        assert np.interp(soc, tables.ocv.soc, row) == pytest.approx(expected_v, abs=6e-5)
-
-
 def test_a_linear_look_up_follows_what_lies_between_temperatures(over_temperature):
     tables = tables_of(over_temperature)
     assert set(DEGC) <= set(tables.degc)
@@ -147,3 +133,151 @@ def test_where_the_samples_do_not_determine_a_table_is_a_caveat():
     assert "OCV at SOC 0, 0.05." in told
     assert "a capacitance derived from it means nothing on its own: R1 at SOC 0.1." in told
     assert " at SOC 0" not in " ".join(tables_of(result).caveats[1:])
+
+
+# The modules for PyBaMM and thevenin: their names, their numbers, and what they simulate.
+
+
+SOC = np.linspace(0, 1, 2001)
+# What pybamm.EcmParameters and the Thevenin model ask for (PyBaMM 26.10), beside the pairs.
+PYBAMM_NAMES = {
+    "chemistry", "Initial SoC", "Initial temperature [K]", "Cell capacity [A.h]",
+    "Nominal cell capacity [A.h]", "Ambient temperature [K]", "Current function [A]",
+    "Upper voltage cut-off [V]", "Lower voltage cut-off [V]", "Cell thermal mass [J/K]",
+    "Cell-jig heat transfer coefficient [W/K]", "Jig thermal mass [J/K]",
+    "Jig-air heat transfer coefficient [W/K]", "Open-circuit voltage [V]", "R0 [Ohm]",
+    "Entropic change [V/K]",
+}  # fmt: skip
+# What thevenin's models document (thevenin 0.2), beside the pairs.
+THEVENIN_NAMES = {
+    "num_RC_pairs", "soc0", "capacity", "ce", "gamma", "mass", "isothermal", "Cp", "T_inf",
+    "h_therm", "A_therm", "ocv", "M_hyst", "R0",
+}  # fmt: skip
+
+
+def load(name: str, circuit: str) -> dict[str, Any]:
+    return run_module(EXPORTERS[name], make_result(circuit))
+
+
+@every_circuit
+def test_pybamm_gets_the_circuit_under_every_name_it_asks_for_and_no_other(fake_pybamm, circuit):
+    module = load("pybamm", circuit)
+    pairs = range(1, PAIRS_OF[circuit] + 1)
+    names = {f"R{k} [Ohm]" for k in pairs} | {f"C{k} [F]" for k in pairs}
+    names |= {f"Element-{k} initial overpotential [V]" for k in pairs}
+    assert set(module["get_parameter_values"]()) == PYBAMM_NAMES | names
+    assert module["get_model"]() == {"number of rc elements": PAIRS_OF[circuit]}
+    values = module["get_parameter_values"]()
+    assert values["R0 [Ohm]"] == 0.0511
+    for k, (r, c) in enumerate(PAIRS[: PAIRS_OF[circuit]], start=1):
+        assert (values[f"R{k} [Ohm]"], values[f"C{k} [F]"]) == (r, c)
+    assert values["Cell capacity [A.h]"] == CAPACITY_AH
+    assert values["Initial SoC"] == 0.9
+    found_v = values["Open-circuit voltage [V]"](SOC)
+    assert np.abs(found_v - make_cell().average_ocv_v(SOC)).max() < 1.1 * TOLERANCE_V
+
+
+@every_circuit
+def test_thevenin_gets_every_name_it_asks_for_and_no_other(circuit):
+    params = load("thevenin", circuit)["get_params"]()
+    pairs = range(1, PAIRS_OF[circuit] + 1)
+    assert set(params) == THEVENIN_NAMES | {f"{letter}{k}" for letter in "RC" for k in pairs}
+    assert params["num_RC_pairs"] == PAIRS_OF[circuit]
+    assert params["gamma"] == {"iso-rc": 1e5, "esc": GAMMA}.get(circuit, 0.0)
+
+
+def run_thevenin(module: dict[str, Any], profile: HeldLoad, step_s: float = np.inf) -> np.ndarray:
+    """The documented equations of thevenin, exact for a current held between samples, in steps of
+    so many seconds at most."""
+    p = module["get_params"]()
+    soc, hyst, T_cell = p["soc0"], module["INITIAL_HYSTERESIS_V"], p["T_inf"]
+    eta, simulated_v = np.zeros(p["num_RC_pairs"]), []
+    pairs = range(1, len(eta) + 1)
+    # The fitted time constants are the same at every SOC.
+    tau = np.array([p[f"R{k}"](0.3, T_cell) * p[f"C{k}"](0.3, T_cell) for k in pairs])
+    for current_a, interval_s in zip(
+        profile.current_a, np.diff(profile.time_s, append=profile.time_s[-1]), strict=True
+    ):
+        simulated_v.append(p["ocv"](soc) + hyst - eta.sum() - current_a * p["R0"](soc, T_cell))
+        steps = max(1, round(interval_s / step_s))
+        decay, passed = np.exp(-interval_s / steps / tau), current_a * interval_s / steps
+        passed /= 3600 * p["capacity"]
+        for _ in range(steps):
+            level = current_a * np.array([p[f"R{k}"](soc, T_cell) for k in pairs])
+            eta = level + (eta - level) * decay
+            # M_hyst hardly changes over an interval; half of its way is close enough.
+            level_v = -np.sign(current_a) * p["M_hyst"](soc - passed / 2)
+            hyst = level_v + (hyst - level_v) * np.exp(-p["gamma"] * abs(passed))
+            soc -= passed
+    return np.array(simulated_v)
+
+
+@pytest.mark.parametrize("circuit", ["so-rc", "1rc", "4rc"])
+def test_thevenins_equations_give_barnax_voltage_from_the_exported_dictionary(circuit):
+    result = make_result(circuit)
+    profile = pulse_profile(result)
+    here_v = simulate_here(result, profile)
+    there_v = run_thevenin(load("thevenin", circuit), profile)
+    assert np.abs(there_v - here_v).max() < 1.1 * TOLERANCE_V
+
+
+def test_a_dynamic_hysteresis_differs_in_thevenin_by_its_slope_over_gamma():
+    result = make_result("esc")
+    profile = pulse_profile(result)
+    here_v = simulate_here(result, profile)
+    difference_v = run_thevenin(load("thevenin", "esc"), profile) - here_v
+    w = result.cell.hysteresis
+    steepest_v = max(abs(w.parameters[name]) for name in "ACEG") / 2
+    assert np.abs(difference_v).max() < 1.1 * steepest_v / GAMMA + TOLERANCE_V
+    assert np.abs(difference_v).max() > 0.3 * steepest_v / GAMMA
+
+
+def test_pybamm_gets_interpolants_of_the_tables(fake_pybamm):
+    values = run_module(EXPORTERS["pybamm"], make_table_result())["get_parameter_values"]()
+    expected_ohm = np.interp(SOC, NODES, TABLE_OHM[0])
+    np.testing.assert_allclose(values["R0 [Ohm]"](25.0, 1.0, SOC), expected_ohm)
+    tau_s = values["R2 [Ohm]"](25.0, 1.0, SOC) * values["C2 [F]"](25.0, 1.0, SOC)
+    np.testing.assert_allclose(tau_s, TABLE_TAU_S[1])
+    # A resistance of zero leaves a time constant that no solver divides by.
+    assert np.isfinite(values["C1 [F]"](25.0, 1.0, SOC)).all()
+    expected_v = make_cell().average_ocv_v(SOC) + np.interp(SOC, NODES, CORRECTION_V)
+    found_v = values["Open-circuit voltage [V]"](SOC)
+    assert np.abs(found_v - expected_v).max() < 1.1 * TOLERANCE_V
+
+
+def test_thevenins_functions_of_soc_simulate_what_barnax_does():
+    result = make_table_result()
+    whole = pulse_profile(result)
+    profile = HeldLoad(whole.time_s[:400], whole.current_a[:400])
+    there_v = run_thevenin(run_module(EXPORTERS["thevenin"], result), profile, 0.05)
+    assert np.abs(there_v - simulate_here(result, profile)).max() < 1e-4
+
+
+def ocv_at(over_temperature, degc):
+    return float(tables_of(over_temperature.at_temperature(degc)).ocv(np.array(0.4)))
+
+
+def test_thevenin_has_functions_of_soc_and_temperature(over_temperature):
+    module = run_module(EXPORTERS["thevenin"], over_temperature)
+    for degc in (*DEGC, 33.0, -20.0, 60.0):
+        params = module["get_params"](degc)
+        inside = min(max(degc, DEGC[0]), DEGC[-1])
+        assert params["T_inf"] == pytest.approx(273.15 + degc)
+        assert params["R0"](0.4, 273.15 + degc) == pytest.approx(r0_ohm(inside, 0.4), rel=5e-3)
+        r1, c1 = (params[name](0.4, 273.15 + degc) for name in ("R1", "C1"))
+        assert r1 * c1 == pytest.approx(TABLE_TAU_S[0])
+        assert params["ocv"](0.4) == pytest.approx(ocv_at(over_temperature, inside), abs=1e-6)
+    # thevenin tries arrays first, and goes one by one after a TypeError.
+    with pytest.raises(TypeError):
+        params["R0"](np.array([0.4, 0.5]), np.array([298.0, 299.0]))
+
+
+def test_pybamm_interpolates_over_soc_and_temperature(over_temperature, fake_pybamm):
+    values = run_module(EXPORTERS["pybamm"], over_temperature)["get_parameter_values"](45.0)
+    assert values["Ambient temperature [K]"] == pytest.approx(318.15)
+    for degc in (45.0, 99.0):
+        assert values["R0 [Ohm]"](degc, 1.0, 0.4) == pytest.approx(r0_ohm(45.0, 0.4))
+    product = values["R2 [Ohm]"](10.0, 1.0, 0.4) * values["C2 [F]"](10.0, 1.0, 0.4)
+    assert product == pytest.approx(TABLE_TAU_S[1])
+    expected_v = ocv_at(over_temperature, 45.0)
+    assert values["Open-circuit voltage [V]"](0.4) == pytest.approx(expected_v, abs=1e-6)

@@ -70,18 +70,6 @@ def test_a_small_current_before_a_drive_is_no_offset(tmp_path):
     assert not [one for one in check_file(tmp_path / "drive.csv").findings if one.counts]
 
 
-def test_measured_c20_hppc_and_drive_are_combined(real_data):
-    files = [
-        real_data / "lg-hg2-18650" / f"{name}_25degC.parquet" for name in ("c20", "hppc", "us06")
-    ]
-    planned = plan(files)
-    assert roles(planned) == {
-        "us06_25degC.parquet": "identification",
-        "hppc_25degC.parquet": "validation",
-        "c20_25degC.parquet": "OCV test",
-    }
-
-
 # Tables of two pairs as fast as they are fitted.
 FAST = SMALL | {"folds": 0, "resistances_follow": "none", "nodes": FEW_NODES}
 
@@ -116,17 +104,6 @@ def test_pulses_of_6_min_show_the_circuit_either_way(run):
     result = run(CASES / "cells" / "01_pulse_discharge_6min" / "pulses.csv", **FAST)
     assert len(result.pulses) == 10
     check_cell(result, np.linspace(0.2, 0.9, 20))
-
-
-def test_the_measured_incremental_test_is_ocv_test_and_record(real_data):
-    path = real_data / "calce-inr18650-20r" / "ocv-incremental_25degC_SP20-3.parquet"
-    planned = plan(path)
-    assert (planned.command, planned.missing) == ("hppc", "")
-    assert [part.role for part in planned.parts] == ["identification"]
-    pulse = first_pulse(read_record(path))
-    assert pulse is not None
-    # After 2 and 10 s at 1 A, as the record shows.
-    assert pulse.resistance_ohm[1:3] == pytest.approx((0.106, 0.114), abs=2e-3)
 
 
 @given(count=st.integers(5, 14), minutes=st.sampled_from([6.0, 8.0, 12.0]))

@@ -26,15 +26,12 @@ def interpolated(interval_s):
 
 COPIES = {
     "in other units": lambda t, i, v: (t / 3600 * 3600, i * 1e3 / 1e3, v * 1e3 / 1e3),
-    "of single precision": lambda t, i, v: (t, np.float32(i), np.float32(v)),
     "rounded": lambda t, i, v: (t, np.round(i, 2), np.round(v, 2)),
     "of four digits": lambda t, i, v: (t, four_digits(i), four_digits(v)),
     "of another clock": lambda t, i, v: (t + 1.7e9, i, v),
     "its first 90 %": lambda t, i, v: (t[:17700], i[:17700], v[:17700]),
-    "its end from zero": lambda t, i, v: (t[7000:] - 7000, i[7000:], v[7000:]),
     "its middle from zero": lambda t, i, v: (t[5000:15000] - 5000, i[5000:15000], v[5000:15000]),
     "every third sample": lambda t, i, v: (t[1::3], i[1::3], v[1::3]),
-    "interpolated to less": interpolated(2.5),
     "interpolated to more": interpolated(0.4),
 }
 

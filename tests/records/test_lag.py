@@ -70,15 +70,6 @@ def test_a_lag_is_shown_with_all_of_r0(interval_s, lag):
         assert record.voltage_lag_s == pytest.approx(interval_s * lag, abs=0.05 * interval_s)
 
 
-@pytest.mark.parametrize("rows", [1, 3, -2])
-@pytest.mark.parametrize("sign", [1, -1])
-def test_a_plain_discharge_keeps_its_sign_whatever_row_its_voltage_is_in(rows, sign):
-    table = log(1.0, rows, least_a=0.0).with_columns(pl.col(CURRENT) * sign)
-    record = record_from_frame(table)
-    assert record.sign.value == ("charge-positive" if sign == 1 else "discharge-positive")
-    assert record.sign.strength == "strong"
-
-
 @pytest.mark.parametrize("interval_s", [0.1, 1.0])
 def test_without_a_lag_none_is_found_and_the_current_is_as_logged(interval_s):
     table = log(interval_s, 0.0)

@@ -108,15 +108,6 @@ def test_every_message_is_the_one_that_was_written_down(tmp_path):
     require_golden(Path(__file__).with_name("messages.txt"), text)
 
 
-@pytest.mark.parametrize("given", ["charge-positive", "discharge-positive"])
-def test_a_sign_given_against_strong_evidence_is_refused(tmp_path, given):
-    table = pulse_frame(charge_positive=given == "discharge-positive")
-    message = refusal(tmp_path, csv(table), current_sign=given)
-    found = read_record(tmp_path / "cell.csv").sign.value
-    assert given != found
-    assert f"given as {given}, but the data are {found}" in message
-
-
 @pytest.mark.parametrize("option", ["current_sign", "current_hold"])
 def test_an_unknown_option_value_is_refused_with_the_allowed_ones(tmp_path, option):
     message = refusal(tmp_path, csv(FRAME), **{option: "sideways"})

@@ -346,15 +346,6 @@ def test_what_is_no_clock_is_refused_with_the_reason(case):
         time_of(name, values)
 
 
-@pytest.mark.parametrize(("name", "start_s"), [("Time [s]", 100.0), ("timestamp", 1.71e9)])
-def test_single_zeros_of_a_clock_are_no_steps(name, start_s):
-    time_s = start_s + SECONDS
-    time_s[[20, 31, 90]] = 0.0
-    kept_s, codes = time_of(name, time_s)
-    assert (len(kept_s), kept_s[-1]) == (157, SECONDS[-1])
-    assert "clock.steps" not in codes
-
-
 def test_a_zero_where_the_step_changes_begins_a_step():
     """Between a step's first row and its next one, samples were not logged."""
     shown_s = np.concatenate([[0, 10, 20], *2 * [[0, *range(40, 580, 10)]]]).astype(float)

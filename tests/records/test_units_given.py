@@ -37,15 +37,6 @@ def test_a_unit_that_is_given_is_not_doubted(quantity):
         assert ("unit" in {e.check for e in check_file(source).findings}) == is_doubted
 
 
-def test_one_sign_of_another_unit_is_a_warning_and_the_values_stay():
-    """59 A through 20 microohm: a large cell with a coarse voltage, or a small one in mA."""
-    current_a = FRAME[CURRENT].to_numpy()
-    voltage_v = pl.Series(VOLTAGE, 3.7 + 1e-3 * current_a)
-    record = record_from_frame(scaled(CURRENT, 29.5).with_columns(voltage_v))
-    assert np.abs(record.current_a).max() == pytest.approx(59.0)
-    assert "may be in milliamperes" in " ".join(remarks(record))
-
-
 def test_a_pack_of_cells_in_series_is_read_as_one_of_them(tmp_path):
     pack, cell = scaled(VOLTAGE, 96.0), record_from_frame(FRAME)
     record = record_from_frame(pack, series=96)
@@ -129,16 +120,6 @@ def test_a_slow_sweep_in_minutes_and_milliamperes_is_no_large_cell_without_a_wor
     record = record_from_frame(table, columns=given)
     assert not record.warnings
     assert record.discharged_ah[-1] == pytest.approx(0.15 * 1199 / 60)
-
-
-@pytest.mark.parametrize("unit", ["A", "mA", "uA"])
-def test_amperes_under_another_unit_are_named_by_a_counter_in_a_unit_of_its_own(unit):
-    counted_mah = 2e3 * FRAME[TIME] / 3600
-    table = FRAME.drop(CURRENT).with_columns(counted_mah.alias("Capacity"))
-    table = table.with_columns(pl.lit(-2.0).alias(f"Current [{unit}]"))
-    findings = check_file(source_from_frame(table, "cell")).findings
-    options = {one.values["option"] for one in findings if one.values.get("quantity") == "current"}
-    assert options == (set() if unit == "A" else {f"current=Current [{unit}]:A"})
 
 
 SWEEP = pl.DataFrame(

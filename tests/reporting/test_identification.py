@@ -7,17 +7,15 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
-from matplotlib.figure import Figure
 
 import barnax
 from barnax.cell import SegmentedHysteresis
 from barnax.cli.session import as_flags
 from barnax.model.window import Window
 from barnax.records import Decision
-from barnax.reporting.document import Picture
 from barnax.reporting.first_screen import first_screen, next_step
 from barnax.reporting.identification import identification_document, search_boxes
-from barnax.reporting.illustrations import identification_illustrations, record_roles
+from barnax.reporting.illustrations import record_roles
 from barnax.reporting.render import to_markdown
 from barnax.reporting.view import View
 from barnax.reporting.wording import sentences, wording
@@ -69,22 +67,6 @@ def changed(result: Result, **inputs) -> Result:
     """The result with other fields in its first input."""
     first, *rest = result.inputs
     return result.model_copy(update={"inputs": (first.model_copy(update=inputs), *rest)})
-
-
-def test_every_figure_is_in_the_report_also_one_without_a_section_of_its_own(joint):
-    # Where they stand, not what is drawn.
-    drawn = [replace(each, draw=Figure) for each in identification_illustrations(joint)]
-    new = Picture("new", Figure, "", "")
-    for illustrations, others in ((drawn, set()), ([*drawn, new], {"new"})):
-        document = identification_document(joint, illustrations)
-        assert {each.name for each in document.pictures} == {each.name for each in illustrations}
-        more = {
-            block.name
-            for section in document.sections
-            for block in section.blocks
-            if section.title == "More figures" and isinstance(block, Picture)
-        }
-        assert more == others
 
 
 def test_a_stored_result_s_report_is_the_golden_one():
@@ -160,14 +142,6 @@ def test_constants_that_validate_better_than_tables_are_named(constant_v):
     said = "1rc, with constants, is better than the answer on v.csv: 5.00 mV, the answer 12.90 mV."
     assert sentences("verdict.surpassed", View(result)) == ((said,) if constant_v < 0.01 else ())
     assert not sentences("verdict.surpassed", View(STORED))
-
-
-def test_names_that_a_terminal_would_obey_are_shown_whole_in_80_columns():
-    name = "a [bold]long[/bold] name \x1b[2J of a file " + 60 * "x" + ".csv"
-    text = screen(changed(STORED, name=name))
-    assert "\x1b" not in text
-    assert "a [bold]lon...xxxxxxxx.csv" in text
-    assert max(map(len, text.splitlines())) <= 80
 
 
 def test_records_identified_together_stand_one_by_one_and_as_a_whole(joint):

@@ -160,11 +160,10 @@ def make_result(
         fixed=dict(problem.bounds.fixed),
     )
     of_answer = of_tables or constant
-    metrics = part.metrics if of_tables is None else MetricsBlock.of(problem.name, of_tables)
     result = Result(
         schema_version=10,
         model=of_answer.identification[0].prepared.circuit,
-        metrics=metrics,
+        metrics=MetricsBlock.of(problem.name, of_answer),
         tables=tables,
         constant=part,
         pulses=tuple(pulse for one in constant.identification for pulse in pulses_of(one.prepared)),

@@ -2,6 +2,7 @@
 of intervals."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -19,15 +20,26 @@ def t_quantile(freedom: float) -> float:
     return float(stdtrit(freedom, (1 + CONFIDENCE) / 2))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Metrics:
-    """Errors of one simulation over its scored samples.
+    """Errors over the scored samples of one record, or of several together.
 
-    `r2` is the usual coefficient of determination; `r2_paper` is Eq. 24 as printed, which takes
-    deviations from the mean of the *simulated* voltage. `ce_v` is the cumulative absolute error,
-    in volts, so it grows with the number of samples.
+    Attributes:
+        record: Name of the record.
+        rmse_v: Root of the mean squared error.
+        r2: One minus the squared error over the squared deviation of the voltage from its mean.
+        r2_paper: The same as printed in Li et al. (2023), Eq. 24, which takes deviations from the
+            mean of the *simulated* voltage.
+        mape_percent: Mean absolute error, relative to the measured voltage.
+        ce_v: Sum of the absolute errors, which grows with the number of samples.
+        max_v: The largest error.
+        samples: Number of scored samples.
+        rmse_above_10_soc_v: RMSE above 10 % SOC.
+        registered_v: RMSE with its start moved to where it is least, of a record to validate on.
+        start_moved_soc: By how much SOC that start is moved.
     """
 
+    record: str = ""
     rmse_v: float
     r2: float
     r2_paper: float
@@ -35,10 +47,19 @@ class Metrics:
     ce_v: float
     max_v: float
     samples: int
+    rmse_above_10_soc_v: float | None = None
+    registered_v: float | None = None
+    start_moved_soc: float | None = None
+
+    @property
+    def above_v(self) -> float | None:
+        """RMSE above 10 % SOC, as other errors have it."""
+        return self.rmse_above_10_soc_v
 
 
-def measure(measured_v: Voltage, simulated_v: Voltage) -> Metrics:
-    """All metrics of one simulation. Raises `ValueError` where there is nothing to compare.
+def measure(measured_v: Voltage, simulated_v: Voltage, **more: Any) -> Metrics:
+    """All metrics of one simulation that follow from the voltages, and `more` of its fields. Raises
+    `ValueError` where there is nothing to compare.
 
     >>> import numpy as np
     >>> measure(np.array([3.0, 4.0]), np.array([3.0, 3.9])).max_v
@@ -59,6 +80,7 @@ def measure(measured_v: Voltage, simulated_v: Voltage) -> Metrics:
         ce_v=float(np.sum(np.abs(error_v))),
         max_v=float(np.max(np.abs(error_v))),
         samples=int(error_v.size),
+        **more,
     )
 
 

@@ -14,6 +14,7 @@ from typing import Any
 from .bundled import BUNDLED
 from .errors import InputError
 from .inputs import source_of, telling
+from .metrics import Metrics
 from .model.prepared import prepare_record
 from .model.window import Window
 from .notices import Notice
@@ -22,7 +23,7 @@ from .over_soc.registration import rest_warnings
 from .plan.document import folders_in
 from .records import Given, Record, find_file, folders_around, read_record
 from .records.log import NEXT_FILE, Content, joined, read_fingerprint
-from .result_parts import InputPart, MetricsPart
+from .result_parts import InputPart
 from .results import Result
 from .search.evaluate import Evaluation, Evaluations, evaluate_from_either, with_registered
 from .settings import Reading
@@ -140,7 +141,7 @@ def _evaluations(result: Result, pairs: Sequence[tuple[InputPart, Record]]) -> E
     return Evaluations(evaluations[: len(identified)], evaluations[len(identified) :])
 
 
-def _again(result: Result, part: InputPart, record: Record, stored: MetricsPart) -> Evaluation:
+def _again(result: Result, part: InputPart, record: Record, stored: Metrics) -> Evaluation:
     """A stored answer on a record from the direction that was settled, or the other one: constants
     and tables have each their own."""
     window, start = part.window or Window(), part.start

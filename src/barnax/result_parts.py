@@ -9,14 +9,13 @@ from importlib.metadata import version
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from jaxtyping import Float
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
 from .cell import CircuitParameters, OcvTable, get_circuit
 from .cell.model import SAME_DEGC
-from .cell.soc_axis import is_above
 from .errors import choices_in
 from .global_optimum.search import GlobalOptimum
+from .metrics import Metrics
 from .model.sampling import resampled_share
 from .model.start import Start
 from .model.window import Window
@@ -26,7 +25,7 @@ from .over_soc.node_interval import Fact, NodeInterval
 from .over_soc.settings import table_name
 from .records import Decision, Record, Source
 from .records.log import Content, read_fingerprint
-from .schema import Count, Parameters, Part, Volts
+from .schema import Count, Parameters, Part
 from .search.answers import AtBound, Refinement, Search
 from .search.evaluate import Evaluation, Evaluations, pooled
 from .settings import AutoHold, AutoSign
@@ -39,63 +38,9 @@ Soc = Annotated[float, Field(ge=-10, le=10)]
 CircuitName = Annotated[str, AfterValidator(lambda name: get_circuit(name).name)]
 
 
-def scored_errors(
-    evaluations: Sequence[Evaluation],
-) -> tuple[Float[np.ndarray, "scored"], Float[np.ndarray, "scored"]]:
-    """The states of charge and the errors in V of all samples of several records that count."""
-    scored = [(one, one.prepared.scored) for one in evaluations]
-    soc = np.concatenate([one.prepared.soc[here] for one, here in scored])
-    return soc, np.concatenate([one.error_v[here] for one, here in scored])
-
-
-class MetricsPart(Part):
-    """Errors on one record over its counted samples.
-
-    Attributes:
-        record: Name of the record.
-        rmse_v: Root of the mean squared error.
-        r2: One minus the squared error over the squared deviation of the voltage from its mean.
-        r2_paper: The same as printed in Li et al. (2023).
-        mape_percent: Mean absolute error, relative to the measured voltage.
-        ce_v: Sum of the absolute errors.
-        max_v: The largest error.
-        samples: Number of counted samples.
-        rmse_above_10_soc_v: RMSE above 10 % SOC.
-        registered_v: RMSE with its start moved to where it is least, of a record to validate on.
-        start_moved_soc: By how much SOC that start is moved.
-    """
-
-    record: str
-    rmse_v: Volts
-    r2: float
-    r2_paper: float
-    mape_percent: float
-    ce_v: Volts
-    max_v: Volts
-    samples: Count
-    rmse_above_10_soc_v: Volts | None = None
-    registered_v: Volts | None = None
-    start_moved_soc: float | None = None
-
-    @classmethod
-    def of(cls, *evaluations: Evaluation, name: str | None = None) -> Self:
-        """The errors of a circuit on one record, or on several together under one name."""
-        first, *others = evaluations
-        soc, error_v = scored_errors(evaluations)
-        above_v = error_v[is_above(soc)]
-        moved = None if others else first.registered
-        return cls(
-            record=first.prepared.record.name if name is None else name,
-            **vars(pooled(evaluations)),
-            rmse_above_10_soc_v=float(np.sqrt(np.mean(above_v**2))) if len(above_v) else None,
-            registered_v=moved and moved[1],
-            start_moved_soc=moved and moved[0],
-        )
-
-    @property
-    def soc_errors(self) -> SocErrors:
-        """The RMSE, and that above 10 % SOC."""
-        return SocErrors(self.rmse_v, self.rmse_above_10_soc_v)
+def soc_errors(metrics: Metrics) -> SocErrors:
+    """The RMSE, and that above 10 % SOC."""
+    return SocErrors(metrics.rmse_v, metrics.rmse_above_10_soc_v)
 
 
 class MetricsBlock(Part):
@@ -107,18 +52,18 @@ class MetricsBlock(Part):
         validation: On each record validated on.
     """
 
-    identification: MetricsPart
-    jointly: tuple[MetricsPart, ...] = ()
-    validation: tuple[MetricsPart, ...]
+    identification: Metrics
+    jointly: tuple[Metrics, ...] = ()
+    validation: tuple[Metrics, ...]
 
     @classmethod
     def of(cls, name: str, evaluations: Evaluations) -> Self:
         """The errors of a circuit on its records, those identified on together under one name."""
         identified = evaluations.identification
         return cls(
-            identification=MetricsPart.of(*identified, name=name),
-            jointly=tuple(map(MetricsPart.of, identified)) if len(identified) > 1 else (),
-            validation=tuple(map(MetricsPart.of, evaluations.validation)),
+            identification=pooled(identified, name),
+            jointly=tuple(one.metrics for one in identified) if len(identified) > 1 else (),
+            validation=tuple(one.metrics for one in evaluations.validation),
         )
 
 
@@ -155,7 +100,7 @@ class Candidate:
     def of(cls, model: str, over: str | None, metrics: MetricsBlock, *given: Any) -> "Candidate":
         """The candidate with its errors."""
         validation_v = tuple(errors.rmse_v for errors in metrics.validation)
-        return cls(model, over, metrics.identification.soc_errors, validation_v, *given)
+        return cls(model, over, soc_errors(metrics.identification), validation_v, *given)
 
 
 class InputPart(Part):
@@ -334,7 +279,7 @@ class ConstantPart(Part):
         return TableFit(
             tables=self.parameters,
             objective_v=errors.rmse_v,
-            errors=tuple(part.soc_errors for part in self.metrics.jointly or (errors,)),
+            errors=tuple(map(soc_errors, self.metrics.jointly or (errors,))),
             tau_ranges_s=(),
             lower_bound_v=optimum.lower_bound_v if optimum else 0.0,
             status=optimum.status if optimum else "unverified",
@@ -377,7 +322,9 @@ class ConstantPart(Part):
 
 def bands_by_soc(evaluations: Sequence[Evaluation]) -> tuple[Band, ...]:
     """The errors of several records together in each tenth of the state of charge."""
-    return soc_bands(*scored_errors(evaluations))
+    scored = [(one, one.prepared.scored) for one in evaluations]
+    soc = np.concatenate([one.prepared.soc[here] for one, here in scored])
+    return soc_bands(soc, np.concatenate([one.error_v[here] for one, here in scored]))
 
 
 @functools.cache

@@ -11,7 +11,6 @@ from barnax.bundled import BUNDLED
 from barnax.cell import characterize
 from barnax.experiment.information import columns_along
 from barnax.experiment.prior import by_second, error_of, prior_of_chemistry
-from barnax.metrics import measure
 from barnax.model.prepared import Window, prepare_record
 from barnax.records import read_record
 from barnax.search.evaluate import Evaluation
@@ -37,7 +36,7 @@ def left(prepared, prior, error_v):
     error_v = error_v.copy()
     error_v[:-1] -= tables @ np.linalg.lstsq(tables, error_v[:-1], rcond=1e-6)[0]
     simulated_v = prepared.voltage_v - error_v
-    return Evaluation(prepared, simulated_v, measure(prepared.voltage_v, simulated_v))
+    return Evaluation(prepared, simulated_v)
 
 
 def correlated(rng, count, time_s, sd_v):

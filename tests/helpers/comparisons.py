@@ -18,9 +18,10 @@ from barnax.comparison.result import (
     SeedPairs,
 )
 from barnax.global_optimum.search import GlobalOptimum
+from barnax.metrics import Metrics
 from barnax.notices import Notice
 from barnax.records import Decision
-from barnax.result_parts import InputPart, MetricsPart
+from barnax.result_parts import InputPart
 from barnax.search.answers import Optimum, RefinedSeed
 
 DRIVE, CITY = "drive.csv", "city.csv"
@@ -63,7 +64,7 @@ def make_errors(record: str, rmse_v: float, low_samples: int = 100) -> RecordErr
         low_soc=0.2, high_soc=1.0, samples=900, rmse_v=rmse_v, mean_v=0.001, max_v=0.05
     )
     return RecordErrors(
-        metrics=MetricsPart(
+        metrics=Metrics(
             record=record,
             rmse_v=rmse_v,
             r2=0.99,

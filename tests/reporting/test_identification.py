@@ -19,13 +19,12 @@ from barnax.reporting.illustrations import record_roles
 from barnax.reporting.render import to_markdown
 from barnax.reporting.view import View
 from barnax.reporting.wording import sentences, wording
-from barnax.result_parts import MetricsPart
 from barnax.results import Result
 from barnax.search.answers import AtBound
 from barnax.settings import Registration
 from helpers.golden import GOLDEN, RESULT, require_golden, without_blanks
 from helpers.report_reader import screen_of
-from helpers.results import make_table_result, with_constant
+from helpers.results import make_table_result, metrics_of, with_constant
 
 STORED = Result.from_json(RESULT)
 WINDOWS = [
@@ -87,7 +86,7 @@ def test_every_other_verdict_is_the_golden_one():
     found = STORED.constant.global_optimum
     own = STORED.metrics.identification
     better = STORED.metrics.model_copy(
-        update={"identification": own.model_copy(update={"rmse_v": 0.9 * found.rmse_v})}
+        update={"identification": replace(own, rmse_v=0.9 * found.rmse_v)}
     )
     unproved = {"status": "grid-verified"}
     cases = {
@@ -111,7 +110,7 @@ def test_every_other_verdict_is_the_golden_one():
     # The polynomial of this cell misses its points, which comes before all else.
     met = STORED.model_copy(update={"cell": replace(STORED.cell, errors={})})
     alone = STORED.metrics.model_copy(update={"validation": ()})
-    identification = STORED.metrics.identification.model_copy(update={"r2": -0.1})
+    identification = replace(STORED.metrics.identification, r2=-0.1)
     worse = STORED.metrics.model_copy(update={"identification": identification})
     # Circuits of the family were tried.
     chosen = met.model_copy(update={"tried": (None,)})
@@ -134,7 +133,7 @@ def test_constants_that_validate_better_than_tables_are_named(constant_v):
     result = make_table_result("1rc")
 
     def validated(rmse_v):
-        part = MetricsPart.model_construct(record="v.csv", rmse_v=rmse_v)
+        part = metrics_of(record="v.csv", rmse_v=rmse_v)
         return result.metrics.model_copy(update={"validation": (part,)})
 
     constant = result.constant.model_copy(update={"metrics": validated(constant_v)})

@@ -137,7 +137,7 @@ def validate(on: ResultOnRecord, output: Errors) -> None:
     """
     session = Session(is_quiet=output.quiet or output.as_json)
     session.load_jax()
-    from ..result_parts import MetricsPart
+    from ..result_parts import MetricsBlock
 
     sentences = reporting.wording.sentences
     if output.report is not None:
@@ -146,9 +146,11 @@ def validate(on: ResultOnRecord, output: Errors) -> None:
     record, window = on.meeting(stored)
     with session.watch("Simulating"):
         evaluation = stored.validate(record, window, **on.read)
-    metrics = MetricsPart.of(evaluation)
+    metrics = evaluation.metrics
     if output.as_json:
-        typer.echo(metrics.model_dump_json(by_alias=True, indent=1))
+        block = MetricsBlock(identification=metrics, validation=())
+        plain = block.model_dump(mode="json", by_alias=True)["identification"]
+        typer.echo(json.dumps(plain, indent=1))
     table = reporting.wording.table("result.metrics_of", [(metrics, "validation")])
     session.show([reporting.terminal.terminal_table(table)])
     moved = sentences("starts.moved", metrics)

@@ -14,9 +14,9 @@ from ..baselines import Answer, Budget
 from ..cell import CellModel
 from ..display import Brief
 from ..global_optimum.search import GlobalOptimum
-from ..metrics import CONFIDENCE
+from ..metrics import CONFIDENCE, Metrics
 from ..model.search_space import Kind, Scale
-from ..result_parts import Candidate, InputPart, MetricsPart
+from ..result_parts import Candidate, InputPart
 from ..schema import Document, NoticeField, Parameters, Part, Unstored
 from ..search.answers import SAME_RMSE, AtBound, RefinedSeed
 from ..search.evaluate import Evaluation
@@ -230,7 +230,7 @@ def _differ(
 class RecordErrors:
     """Errors of a row's own answer on one record, in all and by SOC."""
 
-    metrics: MetricsPart
+    metrics: Metrics
     bands: tuple[BandError, ...]
 
     @classmethod
@@ -238,7 +238,7 @@ class RecordErrors:
         """The errors of an evaluation."""
         prepared = evaluation.prepared
         bands = errors_by_soc(evaluation.error_v, prepared.soc, prepared.scored)
-        return cls(MetricsPart.of(evaluation), bands)
+        return cls(evaluation.metrics, bands)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -19,6 +19,7 @@ from ..files import fetched, is_address, is_factor_file
 from ..inputs import Measured, file_names, input_warnings, read_inputs, source_of
 from ..job import Job
 from ..life.rows import ageing_row
+from ..metrics import Metrics
 from ..model.window import Window
 from ..notices import Notice
 from ..over_soc.fit import TableFit
@@ -30,9 +31,10 @@ from ..plan import plan_of, planned
 from ..records import Record, Source, read_source
 from ..records.logger import Loggers
 from ..records.table import LARGEST_FILE
-from ..result_parts import MetricsPart, bands_by_soc
+from ..result_parts import bands_by_soc
 from ..results import Result
 from ..run_setup import bounded_tables
+from ..search.evaluate import pooled
 from ..settings import CellSettings, Reading, Settings
 from ..uncertainty.covariance import named_values
 from .dataset import factors_path, keep_file, result_path
@@ -324,7 +326,7 @@ def row_of(result: Result, warnings: Sequence[Notice]) -> Row:
         if ends:
             row[f"{name} low"], row[f"{name} high"] = ends[name]
     validated = evaluations.validation
-    validation = MetricsPart.of(*validated, name="validation") if validated else None
+    validation = pooled(validated, "validation") if validated else None
     row |= _errors_of("", errors) | _errors_of("validation ", validation)
     if result.tables is not None:
         row["tables RMSE [V]"] = result.metrics.identification.rmse_v
@@ -370,7 +372,7 @@ def _middle_of(fit: TableFit, whose: str = "tables ") -> dict[str, float | None]
     return row
 
 
-def _errors_of(whose: str, metrics: MetricsPart | None) -> dict[str, float | None]:
+def _errors_of(whose: str, metrics: Metrics | None) -> dict[str, float | None]:
     return {
         f"{whose}{name}": None if metrics is None else getattr(metrics, field)
         for name, field in (

@@ -19,6 +19,7 @@ from .wording import sentences
 from .words import degrees, gathered, interval_beside, numbered, soc_extent
 
 if TYPE_CHECKING:
+    from ..metrics import Metrics
     from ..model.window import Window
     from ..notices import Notice
     from ..over_soc.cross_validation import SocErrors
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from ..over_soc.node_interval import Fact
     from ..over_soc.nuisances import OffsetEffect
     from ..records import Decision
-    from ..result_parts import Candidate, InputPart, MetricsBlock, MetricsPart
+    from ..result_parts import Candidate, InputPart, MetricsBlock
     from ..results import Result
     from ..select.policy import Policy
 
@@ -155,15 +156,15 @@ class View:
         return self.result.fits.over_temperature
 
     @property
-    def errors(self) -> "MetricsPart":
+    def errors(self) -> "Metrics":
         return self.result.metrics.identification
 
     @property
-    def by_record(self) -> "list[tuple[str, MetricsPart, MetricsPart]]":
+    def by_record(self) -> "list[tuple[str, Metrics, Metrics]]":
         """The role of each record with the errors of the answer and of the constant circuit, and
         all of those identified on together."""
 
-        def rows(metrics: "MetricsBlock") -> "tuple[MetricsPart, ...]":
+        def rows(metrics: "MetricsBlock") -> "tuple[Metrics, ...]":
             return *metrics.jointly, metrics.identification, *metrics.validation
 
         metrics = self.result.metrics
@@ -187,7 +188,7 @@ class View:
         return max((left.errors for left in over.like(degc)), key=lambda errors: errors.rmse_v)
 
     @property
-    def validation_errors(self) -> "tuple[MetricsPart, ...]":
+    def validation_errors(self) -> "tuple[Metrics, ...]":
         return self.result.metrics.validation
 
     @property
@@ -282,7 +283,7 @@ class View:
         """The answer first."""
         return sorted(self.result.candidates, key=lambda candidate: not candidate.is_answer)
 
-    def validated(self, candidate: "Candidate") -> "tuple[SocErrors, ...]":
+    def validated(self, candidate: "Candidate") -> "tuple[SocErrors | Metrics, ...]":
         """The errors of a candidate on each record validated on; a comparison has those over whole
         records alone."""
         from ..over_soc.cross_validation import SocErrors
@@ -291,10 +292,10 @@ class View:
         if not isinstance(self.result, Result):
             return tuple(SocErrors(rmse_v, None) for rmse_v in candidate.validation_v)
         block = self.result if candidate.is_answer else self.result.constant
-        return tuple(part.soc_errors for part in block.metrics.validation)
+        return block.metrics.validation
 
     @property
-    def surpassed(self) -> "list[tuple[MetricsPart, MetricsPart]]":
+    def surpassed(self) -> "list[tuple[Metrics, Metrics]]":
         """The errors of the constant circuit and of the tables that are the answer, on each record
         that the constant circuit simulates better."""
         if self.result.tables is None:

@@ -9,6 +9,7 @@ from ..cell.parameters import RATE
 from ..errors import counted as counted
 
 if TYPE_CHECKING:
+    from ..metrics import Metrics
     from ..over_soc.cross_validation import SocErrors
     from ..over_soc.node_interval import NodeInterval
     from ..uncertainty import Band, Estimate
@@ -183,7 +184,7 @@ def above(rmse_v: float, optimum_v: float) -> str:
     return percent(optimality_gap(rmse_v, optimum_v))
 
 
-def errors_words(errors: "SocErrors | None") -> str:
+def errors_words(errors: "SocErrors | Metrics | None") -> str:
     """An RMSE in mV, in brackets that above 10 % SOC where it differs; a dash without errors.
 
     >>> from barnax.over_soc.cross_validation import SocErrors

@@ -3,6 +3,8 @@
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -11,6 +13,7 @@ from scipy.linalg import block_diag
 from ..cell import CellModel, CircuitParameters, get_circuit
 from ..cell.curves import KNOTS
 from ..cell.parameters import HALF_HYSTERESIS, OHMIC
+from ..cell.soc_axis import is_above
 from ..cell.tables import hats
 from ..display import Brief
 from ..errors import InputError, attempt
@@ -37,7 +40,6 @@ class Evaluation(Brief):
     Attributes:
         prepared: The record in its window.
         simulated_v: The terminal voltage at every simulated sample.
-        metrics: Errors over the counted samples only.
         warnings: What is doubtful about a record to validate on, with what to do.
         registered: How far its start would have to move for the least error, in SOC, and the RMSE
             in V from there.
@@ -45,7 +47,6 @@ class Evaluation(Brief):
 
     prepared: PreparedRecord
     simulated_v: Float[np.ndarray, "simulated"]
-    metrics: Metrics
     warnings: tuple[Notice, ...] = ()
     registered: tuple[float, float] | None = None
 
@@ -53,6 +54,13 @@ class Evaluation(Brief):
     def error_v(self) -> Float[np.ndarray, "simulated"]:
         """Measured minus simulated voltage."""
         return self.prepared.voltage_v - self.simulated_v
+
+    @cached_property
+    def metrics(self) -> Metrics:
+        """Errors over the scored samples."""
+        soc, rmse_v = self.registered or (None, None)
+        name = self.prepared.record.name
+        return pooled([self], name, start_moved_soc=soc, registered_v=rmse_v)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -95,8 +103,7 @@ def evaluate(prepared: PreparedRecord, parameters: CircuitParameters) -> Evaluat
 
     require_changing_voltage(prepared)
     simulated_v = simulate_circuit(prepared, parameters)
-    metrics = measure(prepared.voltage_v[prepared.scored], simulated_v[prepared.scored])
-    return Evaluation(prepared, simulated_v, metrics)
+    return Evaluation(prepared, simulated_v)
 
 
 def both_directions(prepared: PreparedRecord) -> tuple[PreparedRecord, PreparedRecord | None]:
@@ -204,12 +211,16 @@ def step_warnings(
         yield Notice("answer.r0-above-steps", medians, prepared.record.name)
 
 
-def pooled(evaluations: Sequence[Evaluation]) -> Metrics:
-    """The metrics over all scored samples of several records."""
-    scored = [evaluation.prepared.scored for evaluation in evaluations]
-    measured_v = [e.prepared.voltage_v[s] for e, s in zip(evaluations, scored, strict=True)]
-    simulated_v = [e.simulated_v[s] for e, s in zip(evaluations, scored, strict=True)]
-    return measure(np.concatenate(measured_v), np.concatenate(simulated_v))
+def pooled(evaluations: Sequence[Evaluation], name: str, **more: Any) -> Metrics:
+    """The metrics over all scored samples of several records, under one name, and `more` of their
+    fields."""
+    scored = [(one, one.prepared.scored) for one in evaluations]
+    measured_v = np.concatenate([one.prepared.voltage_v[here] for one, here in scored])
+    simulated_v = np.concatenate([one.simulated_v[here] for one, here in scored])
+    is_high = is_above(np.concatenate([one.prepared.soc[here] for one, here in scored]))
+    above_v = (measured_v - simulated_v)[is_high]
+    more["rmse_above_10_soc_v"] = float(np.sqrt(np.mean(above_v**2))) if len(above_v) else None
+    return measure(measured_v, simulated_v, record=name, **more)
 
 
 def validate(

@@ -156,7 +156,9 @@ def _again(result: Result, part: InputPart, record: Record, stored: Metrics) -> 
             prepared = replace(evaluation.prepared, window=window)
             if start and way == start.direction:
                 prepared = replace(prepared, start=start)
-            return replace(evaluation, prepared=prepared)
+            soc, least_v = stored.start_moved_soc, stored.registered_v
+            moved = None if soc is None or least_v is None else (soc, least_v)
+            return replace(evaluation, prepared=prepared, registered=moved)
     raise InputError(
         f"{part.name}: the stored {result.model} leaves {1e3 * rmse_v:.4g} mV on it now, where the "
         f"result says {1e3 * stored.rmse_v:.4g} mV; identify again with this version"

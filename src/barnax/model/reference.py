@@ -64,7 +64,7 @@ def error_blocks_of(
             states[pair], drop_v = answer_block(tau_s, states[pair], held_v, inputs.intervals)
             error_v += drop_v[:, 0]
         error_v = error_v[:size] + np.stack(
-            [(each.voltage_v - each.source_v)[here] for each in records], axis=1
+            [each.voltage_v[here] - each.source_v[here] for each in records], axis=1
         )
         if inputs.hysteresis is not None and gamma is not None:
             turning = np.asarray(inputs.hysteresis.hysteresis_input)[:, None]

@@ -345,6 +345,7 @@ def linearized(
         of_numbers = _dependence_slopes(prepared, objective.tables_at(best))
         none = np.empty((np.count_nonzero(prepared.scored), 0))
         others, first = none if further is None else further(index), 0
+        informed = prepared.informed
         for block in blocks(prepared, layout):
             scored = prepared.scored[block.here]
             if not np.any(scored):
@@ -363,7 +364,7 @@ def linearized(
             sides = (
                 base[:, None] if beside_v is None else base[:, None] + beside_v[block.here][scored]
             )
-            yield columns, sides, prepared.informed[block.here][scored]
+            yield columns, sides, informed[block.here][scored]
 
 
 def _dependence_slopes(

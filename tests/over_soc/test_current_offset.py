@@ -66,17 +66,16 @@ def test_an_offset_is_told_by_its_size_its_error_and_what_it_leaves(
 ):
     capacity_ah, without_v = 2.0, 4e-3
     record = SimpleNamespace(capacity_ah=capacity_ah)
-    axis = SimpleNamespace(low=0.0, high=9.0)
     best = SimpleNamespace(log_scales=(1.0, 3.0), objective_v2=1.0, rms_v=left * without_v)
-    objective = SimpleNamespace(
-        prepared_records=[record, record], axes=[axis, axis], settings=SETTINGS, ranges=BOX
-    )
+    objective = SimpleNamespace(prepared_records=[record, record], settings=SETTINGS, ranges=BOX)
     estimated = SimpleNamespace(
         values=np.array([0.0] * 4 + [offset * capacity_ah]),
         errors=np.array([1e-3] * 4 + [error * capacity_ah]),
         moved_scales=np.zeros(2),
     )
-    solved = SimpleNamespace(solve=lambda scales: best, ranges=BOX)
+    solved = SimpleNamespace(solve=lambda scales: best)
+    monkeypatch.setattr(nuisances, "box_of", lambda *_: BOX)
+    monkeypatch.setattr(nuisances, "polish", lambda objective, start: start)
     monkeypatch.setattr(nuisances, "reads_zero_at_rest", lambda record: False)
     monkeypatch.setattr(nuisances, "_without_offset", lambda *_: solved)
     monkeypatch.setattr(nuisances, "estimate", lambda *_: [estimated])

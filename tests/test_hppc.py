@@ -7,7 +7,6 @@ import pytest
 
 from barnax import Window, bundled_file, pipeline, read_record
 from barnax.cell import characterize
-from barnax.errors import InputError
 from barnax.model.prepared import prepare_record
 from barnax.pipeline import hppc
 
@@ -62,8 +61,3 @@ def test_without_any_record_it_is_the_bundled_test_validated_on_the_trips(asked)
     hppc()
     assert [source.name for source in asked["records"]] == ["hppc_25degC.parquet"]
     assert [source.name for source in asked["validate"]] == ["validation.parquet"]
-
-
-def test_a_record_without_pulses_is_refused():
-    with pytest.raises(InputError, match=r"identification\.parquet: has no pulses"):
-        hppc(bundled_file("identification"))

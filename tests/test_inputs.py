@@ -145,18 +145,3 @@ def test_a_lag_is_given_for_one_record_by_its_name(given):
     found = read(sources, voltage_lag=given)
     assert [record.voltage_lag_s for record in found.records] == [0.25, -0.5]
     assert {record.voltage_lag_s for record in found.ocv} == {0.0}
-
-
-@pytest.mark.parametrize(
-    ("given", "told"),
-    [
-        ("c=0.25", "no record is called 'c', for which options"),
-        (["0.1,c=0.25"], "no record is called '0.1,c'"),
-        ("late", "write it like 0.3, or FILE="),
-        (["c=nan"], "'nan': write it like 0.3, or FILE="),
-        (float("inf"), "'inf': write it like 0.3, or FILE="),
-    ],
-)
-def test_a_lag_of_no_record_or_no_number_is_refused(given, told):
-    with pytest.raises(InputError, match=told):
-        read(BUNDLED.record, voltage_lag=given)

@@ -80,6 +80,12 @@ def test_pulses_of_both_directions_and_rates_are_told_apart():
     assert all(len(each) == 2 and each[0].soc > each[1].soc for each in levels(pulses))
 
 
+def test_without_short_ones_loads_of_up_to_a_quarter_of_the_charge_are_pulses():
+    loads = [part for seconds in (490, 530, 490, 490) for part in ((600, 0), (seconds, 2.0))]
+    pulses = pulses_of(record_of([*loads, (600, 0)], interval_s=1.0))
+    assert [round(pulse.duration_s) for pulse in pulses] == [490] * 3
+
+
 def test_a_ramp_belongs_to_its_pulse_and_counts_from_its_begin():
     (pulse,) = pulses_of(record_of([(600, 0), (0.2, 0.9), (0.2, 1.5), (9.6, 2.0), (60, 0)]))
     assert pulse.current_a == pytest.approx(2.0)

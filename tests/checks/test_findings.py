@@ -474,12 +474,6 @@ def test_an_interval_as_long_as_the_usual_ones_elsewhere_is_no_gap(tmp_path):
     assert "a gap of 31 s" in finding(spaced(tmp_path, interval_s), "gaps").what
 
 
-def test_a_gap_in_which_a_rested_cell_was_moved_is_a_warning(tmp_path):
-    low = OUT.filter(pl.col(TIME) > 100_000)
-    outcome = checked(tmp_path, pl.concat([OUT.filter(pl.col(TIME) < 4000), low]))
-    assert counting(outcome)["gaps"] == "warning"
-
-
 def test_no_more_charge_is_in_doubt_than_passed(tmp_path):
     """A day without samples, after a minute of pulses, and the voltage is lower after it."""
     cut_s = np.where(LINES[:120] < 60, LINES[:120], LINES[:120] + 86400.0)

@@ -87,7 +87,13 @@ OPTIONS = [
     ("--fix", "R9 [Ohm]=1"),
     ("--fix", "R0 [Ohm]=-1"),
     ("--fix", "C1 [F]=5", "--fix", "tau1 [s]=5"),
+    ("--bounds", "wide.toml", "--objective", "compressed"),
     *(("--bounds", name) for name in (*CONTENTS, "absent.toml", ".") if "csv" not in name),
+]
+READING = [
+    *(("--voltage-lag", lag) for lag in ("other.csv=1", "late", "part.csv=nan", "1e9")),
+    *(("--series", count) for count in ("0", "100000")),
+    ("--columns", "strom=I"),
 ]
 COMMANDS = [
     ("export", "result.json", "--to", "spice"),
@@ -99,12 +105,14 @@ COMMANDS = [
     ("compare", "--methods", "ls,guess"),
     ("compare", "folder"),
     ("compare", "plan.toml"),
+    ("hppc", VALIDATION),
     ("soc", "result.json", VALIDATION, "--estimate", "offset,R9"),
     ("soc", "result.json", VALIDATION, "--voltage-lag", "other.csv=1"),
     ("validate", "result.json", "backward.csv"),
     ("validate", "result.json", VALIDATION, "--current-sign", "discharge-positive"),
     ("validate", "result.json", VALIDATION, "--initial-soc", "other.csv=1"),
     ("pack", RECORD, "--validate", VALIDATION),
+    *(("identify", "part.csv", *OCV, *words) for words in READING),
     *(("identify", *words) for words in (("--nodes", "5"), ("--folds=0",), ("--no-rising-ocv",))),
 ]
 
@@ -120,6 +128,7 @@ def bad_files(tmp_path: Path) -> None:
     shutil.copy(RESULT, tmp_path)
     (tmp_path / "copy.parquet").write_bytes(RECORD.read_bytes())
     PART.write_csv(tmp_path / "part.csv")
+    (tmp_path / "wide.toml").write_text('[bounds]\n"tau1 [s]" = [1e-6, 1e9]\n')
 
 
 @pytest.mark.usefixtures("bad_files")

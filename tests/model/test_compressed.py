@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from threadpoolctl import threadpool_limits
 
 from barnax.cell import CIRCUITS, CircuitParameters
-from barnax.errors import InputError
 from barnax.model.prepared import BLOCK
 from barnax.model.problem import Objective, make_problem, residuals, rmse, rmse_by_scan
 from barnax.model.window import Window
@@ -224,14 +223,3 @@ def test_reducing_gives_the_same_bits_whatever_the_threads_of_linear_algebra(sho
         with threadpool_limits(threads, "blas"):
             factors.add(np.asarray(problem.compressed.factor).tobytes())
     assert len(factors) == 1
-
-
-def test_a_box_too_wide_to_compress_is_refused_with_a_remedy(short_problem):
-    with pytest.raises(InputError, match=r"decades.*narrow the bounds or use `objective='scan'`"):
-        make_problem(
-            short_problem.prepared.record,
-            short_problem.cell,
-            window=short_problem.prepared.window,
-            bounds={"tau1 [s]": (1e-6, 1e9), "tau2 [s]": (1e-6, 1e9)},
-            objective="compressed",
-        )

@@ -9,7 +9,7 @@ import pytest
 from scipy.interpolate import BarycentricInterpolator
 
 from barnax.model.compressed import Lagrange
-from barnax.model.exponentials import interpolation_error, span_of
+from barnax.model.exponentials import can_span, interpolation_error, span_of
 
 SPAN = span_of(0.5, 2000.0, 1e-12)
 INTERVAL_S = 0.5
@@ -35,6 +35,12 @@ def test_the_skeleton_gives_the_answer_of_any_time_constant_in_the_span():
 def test_the_promised_error_is_kept_with_room():
     assert SPAN.error <= 1e-12
     assert len(SPAN.skeleton) < len(SPAN.nodes)
+
+
+def test_the_widest_span_that_is_taken_keeps_the_promise_too():
+    uppers = 0.5 * 10 ** np.arange(12, 4, -0.25)
+    widest = next(upper for upper in uppers if can_span(0.5, upper, 1e-12))
+    assert span_of(0.5, widest, 1e-12).error <= 1e-12
 
 
 @pytest.mark.parametrize("half_width", [2.0, 6.0])

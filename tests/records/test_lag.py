@@ -7,7 +7,6 @@ from scipy.signal import lfilter
 
 from barnax.bundled import bundled_file
 from barnax.checks import check_file
-from barnax.errors import InputError
 from barnax.records import read_record, record_from_frame, source_from_frame
 from barnax.records.lag import find_lag, lagged
 from helpers.records import CURRENT, TIME, VOLTAGE, simulated_cell
@@ -93,11 +92,6 @@ def test_a_given_lag_takes_the_current_that_much_earlier_and_keeps_its_charge():
     mixed_a = 0.75 * raw.current_a[1:] + 0.25 * raw.current_a[:-1]
     assert given.current_a[1:] == pytest.approx(mixed_a, abs=1e-12)
     assert given.discharged_ah[-1] == pytest.approx(raw.discharged_ah[-1], abs=3.0 / 3600)
-
-
-def test_a_lag_longer_than_the_record_is_refused():
-    with pytest.raises(InputError, match=r"data frame: `voltage_lag` is 1e\+09 s; give seconds"):
-        record_from_frame(log(1.0, 0.0, samples=300), voltage_lag=1e9)
 
 
 @pytest.mark.parametrize("rows", [1, 3, -2])

@@ -69,12 +69,6 @@ def test_a_number_of_cells_that_makes_no_known_cell_is_told(middle_v, series):
     assert fits == ([CELLS[middle_v, series]] if CELLS[middle_v, series] else [])
 
 
-@pytest.mark.parametrize("series", [0, -1, 100_000])
-def test_cells_in_series_are_a_number_of_cells(series):
-    with pytest.raises(InputError, match=r"`series` .* must be between 1 and"):
-        record_from_frame(FRAME, series=series)
-
-
 def bare(time_unit_s, current_a, voltage_v, frame=FRAME):
     """The frame with names that have no unit, and values in units of so many s, A and V."""
     named = {TIME: ("Time", time_unit_s), CURRENT: ("Current", current_a)}

@@ -177,8 +177,7 @@ def circuit_of(r0: float | np.ndarray, r: np.ndarray, tau_s: np.ndarray) -> Circ
 
 def outside_box(parameters: CircuitParameters, problem: Problem) -> tuple[str, ...]:
     """A note where parameters lie outside the search box, which a linear method does not know."""
-    values = parameters.to_dict()
-    values |= {f"tau{pair} [s]": tau for pair, tau in enumerate(parameters.tau_s, 1)}
+    values = parameters.to_dict() | parameters.named_tau_s
     outside = ", ".join(
         f"{name} = {values[name]:.4g} ({low:.4g} to {high:.4g})"
         for name, (low, high) in problem.bounds.ranges.items()

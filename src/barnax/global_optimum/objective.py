@@ -244,16 +244,15 @@ class ConstantObjective(LinearObjective):
     def slope(self, best: Solution) -> Float[np.ndarray, "axes"]:
         """The derivative of the least J by the scales: that at fixed resistances, and where one is
         at a bound in F, what that bound moves."""
-        slopes = super().slope(best)
-        for index in np.flatnonzero(best.sides[1:]).tolist():
-            ends = []
-            for moved in (MOVED, -MOVED):
-                at = np.array(best.log_scales)[:, None]
-                at[index] += moved
-                low, high = self.box_at(at)
-                ends.append((low if best.sides[index + 1] < 0 else high)[index + 1, 0])
+        slopes, bounded = super().slope(best), np.flatnonzero(best.sides[1:]).tolist()
+        if not bounded:
+            return slopes
+        # A resistance's bound depends on its own time constant alone, so that all move at once.
+        low, high = self.box_at(np.array(best.log_scales)[:, None] + np.array([MOVED, -MOVED]))
+        above, below = np.where(best.sides < 0, low.T, high.T)
+        for index in bounded:
             pull = best.error @ self.axes[index].columns_at(best.log_scales[index])[:, 0]
-            slopes[index] += 2 * pull * (ends[0] - ends[1]) / (2 * MOVED)
+            slopes[index] += 2 * pull * (above - below)[index + 1] / (2 * MOVED)
         return slopes
 
     def is_flat(self, best: Solution) -> bool:

@@ -9,6 +9,7 @@ the sum over all samples, without the samples.
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
@@ -142,13 +143,11 @@ class Lagrange(eqx.Module):
     def padded_to_multiple(self, step: int) -> "Lagrange":
         """The same with a multiple of `step` nodes: those added lie outside and weigh nothing."""
         missing = -len(self.nodes) % step
-        return Lagrange(
-            center=self.center,
-            half_width=self.half_width,
-            nodes=as_input(np.pad(self.nodes, (0, missing), constant_values=2.0)),
-            weights=as_input(np.pad(self.weights, (0, missing))),
-            slope=as_input(np.pad(self.slope, (0, missing))),
+        nodes = as_input(np.pad(self.nodes, (0, missing), constant_values=2.0))
+        weights, slope = (
+            as_input(np.pad(each, (0, missing))) for each in (self.weights, self.slope)
         )
+        return replace(self, nodes=nodes, weights=weights, slope=slope)
 
     def at(self, tau: Scalar, count: Scalar | float = 1.0) -> Float[Array, "nodes"]:
         """The weights of the nodes' answers in `count` times that of `tau`."""

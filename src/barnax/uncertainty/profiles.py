@@ -89,11 +89,10 @@ def profile(
     # What a quantity is made of may all move: C is largest where its tau is and its R is smallest.
     box, free = problem.log_coordinates, list(linearization.free)
     lower, upper = (np.asarray(end)[free] for end in (box.lower, box.upper))
-    logarithms = linearization.point[free]
-    to_lower, to_upper = logarithms - lower, upper - logarithms
-    downward = np.where(direction > 0, direction * to_lower, -direction * to_upper)
-    upward = np.where(direction > 0, direction * to_upper, -direction * to_lower)
-    for side, end in ((-1, float(downward.sum())), (1, float(upward.sum()))):
+    for side in (-1, 1):
+        # As far as the parameters that it moves go together to their bounds.
+        corner = np.where(side * direction > 0, upper, lower)
+        end = side * float(direction @ (corner - linearization.point[free]))
         first = np.unique(np.minimum(np.linspace(0.0, half_width, POINTS + 1), end))
         further = np.linspace(first[-1], end, POINTS + 1)[1:]
         start, root = scales, {0.0: 0.0}

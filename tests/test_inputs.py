@@ -92,7 +92,7 @@ def test_what_makes_r0_wrong_says_nothing_against_an_ocv_test():
     gap = {"gaps": 1, "longest_s": 60.0, "longest_row": 3, "charge": "steady", "held_ah": 0.02}
     given = {"late-voltage.step": steps, "smoothed-current.back": steps, "gaps.missing": gap}
     found = tuple(Notice(code, values) for code, values in given.items())
-    checked = FileCheck("ocv.csv", found, None, ())
+    checked = FileCheck("ocv.csv", found, ())
     of_test, of_record = (
         [each.code for each in input_warnings(checked, role)]
         for role in ("OCV test", "identification")

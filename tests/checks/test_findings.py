@@ -284,7 +284,7 @@ def test_a_fault_is_found_by_its_own_check_and_its_errors_are_what_the_reader_ra
     assert counting(outcome) == expected
     assert all(each.remedy or not each.counts for each in outcome.findings)
     TEXTS[fault] = "".join(f"  {each.severity} {each.check}: {each}\n" for each in outcome.findings)
-    if (seen := outcome.facts) is not None:
+    if (seen := outcome.traits) is not None:
         moved = f"{seen.charged_ah:.4f} Ah in, {seen.discharged_ah:.4f} Ah out"
         TEXTS[fault] += f"  seen: {seen.samples} samples, {moved}\n"
     errors = [each for each in outcome.findings if each.severity == "error"]

@@ -39,8 +39,8 @@ def test_the_units_of_a_testers_own_format_are_not_in_doubt():
 def assert_seen_through(folder, name, outcome):
     """The facts are those of the clean record."""
     if name not in CLEAN:
-        CLEAN[name] = checked(folder, frame(name)).facts
-    mine, clean = outcome.facts, CLEAN[name]
+        CLEAN[name] = checked(folder, frame(name)).traits
+    mine, clean = outcome.traits, CLEAN[name]
     assert mine.samples == clean.samples
     assert mine.charged_ah == pytest.approx(clean.charged_ah, rel=1e-6)
     assert mine.discharged_ah == pytest.approx(clean.discharged_ah, rel=1e-6)

@@ -66,8 +66,8 @@ def test_a_check_tells_what_the_rows_are_and_what_that_does(rows):
     (told,) = [each for each in checked.findings if each.check == "fast load"]
     assert told.severity == ("warning" if rows == "instants" else "note")
     assert told.values["rows"] == rows
-    assert checked.facts
-    assert checked.facts.current_hold == "centered"
+    assert checked.traits
+    assert checked.traits.current_hold == "centered"
 
 
 def calm(seed, in_time):

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Literal
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from ..records.read import examine, make_record
 from ..records.scale import examine_voltage_range
 from ..records.sign import decide_sign
 from ..records.source import Source, read_source
-from ..schema import Json, key_of, notice_to_dict
+from ..schema import Json, notice_to_dict
 from . import channels, charge, sampling
 from .check_input import Check, CheckInput, Traits, traits_of
 from .roles import Role, find_fall, find_roles, roles_of_table
@@ -47,55 +47,21 @@ _ORDER = {"error": 0, "warning": 1, "note": 2}
 _BINARY_SUFFIXES = (".nda", ".ndax", ".mpr", ".res")
 
 
-@dataclass(frozen=True)
-class Facts:
-    """Facts of the record, once mended so far as it could be."""
-
-    samples: int
-    time_s: tuple[float, float]
-    median_interval_s: float
-    voltage_v: tuple[float, float]
-    charged_ah: float
-    discharged_ah: float
-    current_sign: str
-    current_hold: str
-
-    @classmethod
-    def of(cls, given: CheckInput) -> Self:
-        """The facts of a record."""
-        record = given.record
-        return cls(
-            samples=record.samples,
-            time_s=(float(record.time_s[0]), float(record.time_s[-1])),
-            median_interval_s=given.samples.interval_s,
-            voltage_v=(float(record.voltage_v.min()), float(record.voltage_v.max())),
-            charged_ah=given.charged_ah,
-            discharged_ah=given.discharged_ah,
-            current_sign=record.sign.value,
-            current_hold=record.hold.value,
-        )
-
-    def to_dict(self) -> dict[str, Any]:
-        """The facts as plain values, with units in the keys."""
-        return {key_of(name).replace("_", " "): value for name, value in vars(self).items()}
-
-
 @dataclass(frozen=True, repr=False)
 class FileCheck(Brief):
-    """Findings in one file, and its possible roles. A table of OCV over SOC has no facts.
+    """Findings in one file, and its possible roles. A table of OCV over SOC has no traits.
 
     Attributes:
         file: Its name.
         findings: Every problem with its row and remedy, by severity, then by row.
-        facts: Samples, duration, ranges; None if too little can be read.
         roles: What the file can be used for once its errors are fixed; empty if too little can be
             read.
-        traits: What kind of test it is.
+        traits: What it holds, once mended so far as it could be, and what kind of test it is; None
+            if too little can be read.
     """
 
     file: str
     findings: tuple[Notice, ...]
-    facts: Facts | None
     roles: tuple[Role, ...]
     traits: Traits | None = None
 
@@ -112,7 +78,7 @@ class FileCheck(Brief):
             "findings": [
                 {"check": finding.check, **notice_to_dict(finding)} for finding in self.findings
             ],
-            "facts": self.facts.to_dict() if self.facts else None,
+            "facts": None if self.traits is None else self.traits.facts,
             "roles": {role.name: role.to_dict() for role in self.roles},
         }
 
@@ -157,7 +123,7 @@ def check_file(
         return _check_table(read_ocv_table(source))
     samples, examined = examine(source, capacity_ah)
     findings = [*examined]
-    facts, roles, traits = None, (), None
+    roles, traits = (), None
     # Absurd values overflow before they are found out.
     with np.errstate(all="ignore"):
         if samples is not None and samples.intervals_s.min() > 0 and samples.peak_a > 0:
@@ -175,12 +141,12 @@ def check_file(
             for check in CHECKS.values():
                 findings += check(given)
             traits = traits_of(given)
-            facts, roles = Facts.of(given), find_roles(given, traits)
+            roles = find_roles(given, traits)
     if source.name.lower().endswith(_BINARY_SUFFIXES):
         edit = {"edit": "exported"}
         findings = [replace(finding, values={**finding.values, **edit}) for finding in findings]
     findings.sort(key=lambda finding: (_ORDER[finding.severity], finding.row or 0))
-    return FileCheck(source.name, tuple(findings), facts, roles, traits)
+    return FileCheck(source.name, tuple(findings), roles, traits)
 
 
 def _check_table(table: OcvTable) -> FileCheck:
@@ -194,4 +160,4 @@ def _check_table(table: OcvTable) -> FileCheck:
             values |= {"to_v": after.voltage_v, "to_soc": after.soc}
             findings.append(Notice("monotone.falls", values, row=after.row))
     findings.sort(key=lambda finding: _ORDER[finding.severity])
-    return FileCheck(table.name, tuple(findings), None, roles_of_table(table))
+    return FileCheck(table.name, tuple(findings), roles_of_table(table))

@@ -59,7 +59,7 @@ def test_a_fit_of_factors_read_back_is_the_fit_of_the_samples(records, content, 
     assert all(each.low < each.value < each.high for each in known)
 
 
-def test_an_ocv_of_ones_own_is_counted_from_one_level(records, bundled_cell):
+def test_a_fitted_ocv_is_counted_from_one_level(records, bundled_cell):
     # The records' own levels differ; the joint OCV does not know which came first.
     points = {
         name: tuple(replace(point, row=0) for point in getattr(bundled_cell, name))

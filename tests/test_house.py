@@ -244,7 +244,7 @@ def test_only_the_command_line_writes_files():
     assert [place(path) for path in outside("cli") if calls(path) & written] == [WRITING, DATASET]
 
 
-def test_files_are_read_in_few_places():
+def test_few_files_read_files():
     read = {"read_text", "read_bytes", "open"}
     assert {place(path) for path in outside("cli") if calls(path) & read} == READING
 
@@ -260,7 +260,7 @@ def test_no_numeric_module_flips_a_global_of_jax():
     assert not [path for path, text in texts.items() if "jax.config.update" in text]
 
 
-def test_a_file_is_about_one_thing_and_more_than_a_function_that_has_not_found_its_home():
+def test_a_file_is_about_one_thing_and_more_than_a_function_without_a_home():
     lines = {place(path): path.read_text(encoding="utf-8").count("\n") for path in MODULES}
     assert {path: count for path, count in lines.items() if count > LONGEST} == {}
     short = {path for path, count in lines.items() if count < SHORTEST}

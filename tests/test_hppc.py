@@ -22,7 +22,7 @@ def asked(monkeypatch):
     return given
 
 
-def test_a_test_starts_at_its_first_long_rest_and_is_its_own_ocv_test(asked):
+def test_a_test_starts_at_its_first_long_rest_and_is_the_ocv_test_too(asked):
     hppc(HPPC, capacity=2.0)
     window = asked["window"]["hppc_25degC.parquet"]
     # The end of the rest of 3 h before the first pulse, from full.
@@ -32,7 +32,7 @@ def test_a_test_starts_at_its_first_long_rest_and_is_its_own_ocv_test(asked):
     assert (asked["ocv_fit"], asked["over"], asked["capacity"]) == ("interpolated", "soc", 2.0)
 
 
-def test_tests_at_several_temperatures_each_have_their_own_ocv(asked):
+def test_tests_at_several_temperatures_have_an_ocv_each(asked):
     hppc([bundled_file("hppc_10degC"), HPPC])
     assert asked["over"] == "soc,temperature"
     assert [source.name for source in asked["ocv"]] == ["hppc_10degC.parquet", HPPC.name]
@@ -42,7 +42,7 @@ def test_tests_at_several_temperatures_each_have_their_own_ocv(asked):
     assert asked["over"] == "soc"
 
 
-def test_what_lies_beyond_the_own_ocv_is_not_scored_and_told(asked):
+def test_what_lies_beyond_the_test_s_ocv_is_not_scored_and_reported(asked):
     record = read_record(HPPC)
     # Cut in the discharge to the last level: the rest before that is the lowest OCV point.
     rows = record.discharged_ah < 1.88

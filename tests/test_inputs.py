@@ -35,7 +35,7 @@ def test_a_record_without_an_ocv_test_is_refused_by_its_name():
         read(pl.read_parquet(BUNDLED.record), ocv=())
 
 
-def test_each_record_has_its_own_window_or_the_common_one():
+def test_each_record_has_the_window_of_its_name_or_the_common_one():
     inputs = read(BUNDLED.record, validate=[BUNDLED.validation])
     own = Window(initial_soc=0.9, capacity_ah=1.9)
     windows = windows_of(inputs, {"validation.parquet": own, "": Window(score_to_s=9.0)}, 2.1)

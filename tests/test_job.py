@@ -22,7 +22,7 @@ def test_what_is_given_by_name_replaces_what_an_object_holds():
     assert job.part(Settings) == replace(settings, seeds=30)
 
 
-def test_tables_may_have_bounds_of_their_own():
+def test_tables_may_have_separate_bounds():
     own = TableSettings(folds=0, bounds={"tau1 [s]": (2.0, 20.0)})
     job = Job("a.csv", over="soc", tables=own, nodes=(0.2, 0.8))
     assert job.table_settings == replace(own, nodes=(0.2, 0.8))

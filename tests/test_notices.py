@@ -126,7 +126,7 @@ def decisions_by_words(nodes: Iterable[ast.AST]) -> list[int]:
         "[text for text in texts if 'do not show whether' in text]",
     ],
 )
-def test_a_decision_by_a_phrase_is_found(code):
+def test_a_decision_by_a_phrase_is_detected(code):
     assert decisions_by_words(ast.walk(ast.parse(code)))
 
 

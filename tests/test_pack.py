@@ -63,7 +63,7 @@ def test_the_planted_cells_are_odd_and_no_others(pack):
     assert pack.weakest == "V7"
 
 
-def test_every_cell_has_its_own_resistance_capacity_and_start(cells, pack):
+def test_every_cell_has_its_resistance_capacity_and_start(cells, pack):
     capacity_ah = np.mean([each.capacity_ah for each in cells])
     soc = np.mean([each.soc for each in cells])
     for cell, row in zip(cells, pack.rows(), strict=True):
@@ -118,7 +118,7 @@ def test_cells_of_one_reduction_are_those_fitted_one_by_one(bundled_cell, voltag
             assert together.tables.ohm[0] == pytest.approx(other.tables.ohm[0], rel=rel)
 
 
-def test_factors_of_cells_are_those_of_their_own_records(bundled_cell, voltages):
+def test_factors_of_cells_are_those_of_their_records(bundled_cell, voltages):
     voltages_v, current_a = voltages[0][:1500, :2], voltages[1][:1500]
     table = frame(voltages_v, current_a)
     window = Window(initial_soc=START, capacity_ah=5.0)
@@ -168,7 +168,7 @@ def test_cells_are_those_of_their_numbers_or_named_and_one_without_a_value_is_le
 
 
 @pytest.mark.parametrize("names", [("Zeit [s]", "Strom [A]"), ("Time [s]", "Pack current [A]")])
-def test_a_pack_has_the_names_of_a_record_and_one_is_told_where_a_cell_is_wanted(voltages, names):
+def test_a_pack_has_the_names_of_a_record_and_one_is_named_where_a_cell_is_wanted(voltages, names):
     table = frame(*voltages).rename(dict(zip(("Time [s]", "Current [A]"), names, strict=True)))
     assert len(read_pack(source_from_frame(table, "pack")).cells) == 12
     with pytest.raises(InputError, match=r"'V1', 'V2', .* pack's cells; give it to barnax pack"):
@@ -189,7 +189,7 @@ def test_columns_of_something_else_are_no_cells_of_a_pack(voltages, other):
 
 
 @pytest.mark.slow
-def test_what_is_found_in_the_record_of_a_pack_is_told_with_what_is_assumed(voltages):
+def test_findings_in_the_record_of_a_pack_are_reported_with_what_is_assumed(voltages):
     table = frame(*voltages).with_columns(pl.col("^V.*$").shift(2)).drop_nulls()
     options = {"capacity": 5.0, "window": Window(initial_soc=START), "max_boxes": 0}
     late = identify_pack(table, **options)

@@ -39,7 +39,7 @@ def scanned(cells, lag_s, seed=3, noise_v=5e-4):
     return np.stack(columns, axis=1), current_a[rows]
 
 
-def test_cells_that_are_scanned_have_their_own_lags_and_resistances_that_do_not_fall():
+def test_cells_that_are_scanned_have_separate_lags_and_resistances_that_do_not_fall():
     cells = [PackedCell(r0_ohm=0.02 * (1 + 0.25 * (k == 6))) for k in range(9)]
     lag_s = 0.1 * np.arange(9)
     pack = barnax.identify_pack(

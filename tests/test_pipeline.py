@@ -49,7 +49,7 @@ def test_bounds_of_almost_nothing_are_searched_by_the_scan_and_lose_nothing():
     assert result.to_json()
 
 
-def test_the_same_samples_are_refused_in_any_bytes_and_told_of_a_stored_result(few, tmp_path):
+def test_the_same_samples_are_refused_in_any_bytes_and_warned_of_for_a_stored_result(few, tmp_path):
     copy, part = tmp_path / "copy.parquet", tmp_path / "part.csv"
     copy.write_bytes(BUNDLED.record.read_bytes())
     with pytest.raises(InputError, match=r"identification\.parquet: the same as copy\.parquet, by"):
@@ -147,7 +147,7 @@ def cut_record(bundled_cell):
     return simulated_record(bundled_cell, time_s, np.repeat(levels, 50), 0.592, -1.0, **given)
 
 
-def test_an_open_direction_is_tried_both_ways_and_told(cut_record):
+def test_an_open_direction_is_tried_both_ways_and_reported(cut_record):
     result = barnax.identify(cut_record, ocv=OCV, **SMALL | {"seeds": 0})
     assert (result.start.direction, result.start.direction_source) == (-1, "better fit")
     assert result.start.other_rmse_v > 2 * result.metrics.identification.rmse_v

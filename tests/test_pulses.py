@@ -71,7 +71,7 @@ def test_a_first_voltage_from_within_the_edge_is_no_resistance_at_once(share):
     assert pulse.resistance_ohm[1:] == whole.resistance_ohm[1:]
 
 
-def test_pulses_of_both_directions_and_rates_are_told_apart():
+def test_pulses_of_both_directions_and_rates_are_distinguished():
     one_level = [(30, 2.0), (40, 0), (10, -1.5), (40, 0), (10, 4.0), (40, 0), (10, -3.0)]
     loads = [(600, 0), *one_level, (600, 0), (1000, 1.0), (600, 0), *one_level, (600, 0)]
     pulses = pulses_of(record_of(loads, noise_v=1e-4))

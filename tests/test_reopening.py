@@ -73,7 +73,7 @@ def test_a_loaded_result_writes_the_same_report(kept, tmp_path):
         result.report("report.docx")
 
 
-def test_files_are_looked_for_beside_the_result_and_told_where_they_are_not(kept, tmp_path):
+def test_files_are_looked_for_beside_the_result_and_named_where_they_are_not(kept, tmp_path):
     _, folder, data = kept
     stored = Result.load(folder)
     with pytest.raises(InputError, match=r"drive\.parquet: not found in .*with `data`"):
@@ -105,7 +105,7 @@ def test_validation_is_of_what_is_the_answer(kept):
     assert constant.metrics.rmse_v == result.constant.metrics.validation[0].rmse_v
 
 
-def test_files_are_found_where_the_plan_beside_a_result_says_and_known_by_content(tmp_path):
+def test_files_are_read_where_the_plan_beside_a_result_says_and_recognized_by_content(tmp_path):
     files, out = tmp_path / "files", tmp_path / "results" / "out"
     files.mkdir()
     out.mkdir(parents=True)

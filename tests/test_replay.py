@@ -114,7 +114,7 @@ def test_without_tables_the_cell_is_that_of_the_records_temperature():
 
 
 @pytest.mark.slow
-def test_resistances_that_follow_a_temperature_that_is_not_there_are_told_of():
+def test_resistances_that_follow_a_temperature_that_is_not_there_are_warned_of():
     made = make_table_result()
     fit, warm = made.fit, Dependence(beta_per_k=0.03, reference_degc=20.0)
     fits = (replace(fit, tables=replace(fit.tables, dependence=warm)),)

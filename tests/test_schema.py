@@ -192,7 +192,7 @@ def leaves_of(part: Any, place: str = "") -> Iterator[str]:
     st.sampled_from(sorted(set(leaves_of(DOCUMENT)))),
     st.sampled_from(["x", -1, 1e300, None, [], {}, True]),
 )
-def test_any_leaf_of_any_kind_is_read_or_refused_and_then_told(place, value):
+def test_any_leaf_of_any_kind_is_read_or_refused_and_then_shown(place, value):
     """Whatever is in a file of others, there is no traceback."""
     try:
         result = Result.model_validate(put(place, value))

@@ -55,7 +55,7 @@ def test_tables_are_simulated_as_their_equations_say():
     np.testing.assert_allclose(found["Voltage [V]"], expected_v, rtol=1e-12)
 
 
-def test_a_start_of_ones_own_is_where_it_starts():
+def test_a_given_start_is_where_it_starts():
     result = make_result("iso-rc")
     found = result.simulate(COLUMNS, initial_soc=0.5, initial_direction=-1)
     soc = SOC - 0.4

@@ -94,7 +94,7 @@ def test_what_is_stored_says_the_same_and_takes_a_record_at_its_temperature(resu
     assert {float(row["temperature [degC]"]) for row in rows} == set(DEGC)
 
 
-def test_each_temperature_has_the_ocv_of_its_own_test(result):
+def test_each_temperature_has_the_ocv_of_its_test(result):
     for degc in (*DEGC, 15.0):
         own_v = result.cell.at(degc).average_ocv_v(np.array([0.1, 0.5]))
         assert own_v == pytest.approx(3.2 + (0.875 + 1e-3 * degc) * np.array([0.1, 0.5]), abs=1e-5)

@@ -39,7 +39,7 @@ def ran(request, known_problem):
     return request.param, problem, METHODS[request.param].run(problem, BUDGET, told.append), told
 
 
-def test_there_is_one_answer_a_seed_with_its_own_error_within_the_budget(ran):
+def test_there_is_one_answer_a_seed_with_its_error_within_the_budget(ran):
     name, problem, answers, told = ran
     assert sum(told) == len(answers) == (1 if METHODS[name].is_deterministic else BUDGET.seeds)
 

@@ -34,7 +34,7 @@ def test_a_stop_while_results_are_written_leaves_the_former_ones(tmp_path, monke
 @pytest.mark.parametrize(
     "path", sorted([*BENCHMARKS.rglob("__main__.py"), *BENCHMARKS.glob("*.py")]), ids=str
 )
-def test_no_benchmark_writes_its_results_in_place(path):
+def test_no_benchmark_writes_over_its_results(path):
     calls = [
         (node.func.attr, ast.unparse(node))
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))

@@ -188,7 +188,7 @@ def test_a_charge_that_stops_short_is_scaled_by_the_capacity(share):
 
 
 @pytest.mark.parametrize("share", [0.981, 1.0, 1.019])
-def test_a_charge_within_two_percent_is_scaled_by_its_own_without_a_word(share):
+def test_a_charge_within_two_percent_is_scaled_by_itself_without_a_word(share):
     records = [discharge_only(), scaled(charge_only(), share)]
     cell = characterize(records, capacity_ah=CAPACITY_AH, ocv_fit="interpolated")
     assert cell.charge_points[-1].soc == pytest.approx(1.0, abs=1e-9)

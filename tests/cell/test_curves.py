@@ -40,9 +40,9 @@ def test_points_out_of_order_are_refused(at):
 
 
 def test_a_fall_between_points_is_warned_about_with_where_it_begins_and_ends():
-    curve = InterpolatedCurve(((0.0, 3.0), (0.3, 3.3), (0.4, 3.35), (0.6, 3.31), (1.0, 3.6)))
+    curve = InterpolatedCurve(((0.0, 3.0), (0.3, 3.3), (0.4, 3.35), (0.6, 3.3468), (1.0, 3.6)))
     (told,) = curve_warnings(curve, "charge")
-    assert "falls by 40.0 mV from SOC 0.400 to 0.600" in told.what
+    assert "falls by 3.2 mV from SOC 0.400 to 0.600" in told.what
     assert told.remedy == "check the points there"
 
 

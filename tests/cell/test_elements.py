@@ -75,7 +75,7 @@ def test_what_no_circuit_is_is_refused(name, message):
         get_circuit(name)
 
 
-def test_a_circuit_of_ones_own_is_known_by_its_name():
+def test_a_circuit_of_the_user_is_returned_by_its_name():
     made = make_circuit("cell/test_elements", "rc", "diffusion", like="iso-rc")
     assert get_circuit("cell/test_elements") is made
     assert made.hysteresis is get_circuit("iso-rc").hysteresis

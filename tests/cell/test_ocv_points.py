@@ -78,7 +78,7 @@ def test_rests_with_next_to_no_charge_between_are_one(hold, size, share):
     assert sweep.discharged_ah[8] == pytest.approx((0.4 - share) * size * CAPACITY_AH)
 
 
-def test_pulses_below_a_hundredth_of_the_capacity_are_points_of_their_own(size):
+def test_pulses_below_a_hundredth_of_the_capacity_are_separate_points(size):
     moves = [[-1 / 150]] * 150 + [[1 / 150]] * 150
     sweeps = sweeps_of(moves, start_soc=1.0, size=size)
     assert [len(sweep.points) for sweep in sweeps] == [151, 151]
@@ -185,7 +185,7 @@ def test_a_test_with_finer_pulses_toward_both_ends_shows_no_cutoff():
 
 
 @pytest.mark.parametrize("direction", [-1, 1])
-def test_parts_on_axes_of_their_own_are_joined_to_the_whole(direction):
+def test_parts_on_separate_axes_are_joined_to_the_whole(direction):
     at_ah = np.linspace(0, 2, 10)[::-direction]
     parts = [
         sweep_at(at_ah[6:], shift_ah=0.3, name="c.csv"),

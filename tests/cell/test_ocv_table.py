@@ -31,7 +31,7 @@ def test_two_branches_give_average_and_hysteresis_back(tmp_path, suffix):
     assert [point.row for point in cell.charge_points] == list(range(2, 43))
 
 
-def test_exchanged_branches_are_told():
+def test_exchanged_branches_are_reported():
     charge, discharge = TWO.columns[1:]
     exchanged = TWO.rename({charge: discharge, discharge: charge})
     table = read_ocv_table(source_from_frame(exchanged, "ocv"))

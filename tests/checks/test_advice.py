@@ -69,7 +69,7 @@ def test_advice_is_not_given_again_once_it_is_followed(name, bundled_cell):
     assert not advised
 
 
-def test_what_lies_outside_the_window_is_told_no_more(bundled_cell):
+def test_what_lies_outside_the_window_is_reported_no_more(bundled_cell):
     gap = FAULTS["a gap under load"][0]
     assert any("a gap of" in text for text in warned(gap, bundled_cell, None, {}))
     for option, value in (("score_to", "2900"), ("start_time", "3700")):
@@ -107,7 +107,7 @@ DAMAGED = {
 
 @pytest.mark.parametrize("role", ["identification", "validation"])
 @pytest.mark.parametrize("name", DAMAGED)
-def test_what_check_knows_is_told_of_every_record_with_what_mends_it(name, role, bundled_cell):
+def test_what_check_reports_is_said_of_every_record_with_what_mends_it(name, role, bundled_cell):
     table, what, remedy = DAMAGED[name]
     if role == "identification":
         texts = warned(table, bundled_cell, None, {})
@@ -123,7 +123,7 @@ def test_what_check_knows_is_told_of_every_record_with_what_mends_it(name, role,
     assert remedy in text
 
 
-def test_an_error_that_a_damaged_record_leads_to_stands_before_what_was_found(bundled_cell):
+def test_an_error_that_a_damaged_record_leads_to_stands_before_its_findings(bundled_cell):
     table = changed(frame("validation"), CURRENT, 2 * frame("validation")[CURRENT].to_numpy())
     with pytest.raises(InputError) as problem:
         barnax.identify(source_from_frame(table, "cell"), cell=bundled_cell, seeds=0)

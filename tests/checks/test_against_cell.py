@@ -76,7 +76,7 @@ def test_a_record_that_goes_below_an_ocv_test_is_as_near_to_it_as_to_the_whole(
     assert follow(bundled_record, partly(bundled_cell, 0.5), 2.0)(1.0) <= whole_v
 
 
-def test_a_record_of_more_charge_than_a_test_is_told_both_and_that_the_test_may_be_a_part(
+def test_a_record_of_more_charge_than_a_test_is_reported_with_both_as_the_test_may_be_a_part(
     bundled_record, bundled_cell
 ):
     axis = replace(partly(bundled_cell, 0.5), capacity_ah=1.0)
@@ -120,13 +120,13 @@ def test_measured_records_follow_the_ocv_test_of_their_cell(real_data):
             assert said(read_record(path), cell) == []
 
 
-def test_an_ocv_test_of_another_chemistry_is_found(real_data, bundled_record):
+def test_an_ocv_test_of_another_chemistry_is_detected(real_data, bundled_record):
     tests = [read_record(path) for path in real_data.glob("plett*/ocv-s[13]*")]
     (text,) = said(bundled_record, characterize(tests, ocv_fit="interpolated"))
     assert "whatever its unit" in text
 
 
-def test_temperatures_far_from_every_ocv_test_are_told():
+def test_temperatures_far_from_every_ocv_test_are_reported():
     tests = [("ocv-0.csv", 0.4), ("ocv-45.csv", 45.0), ("ocv.csv", None)]
     records = [("warm.csv", 25.0), ("cold.csv", -10.0), ("near.csv", 2.0), ("unknown.csv", None)]
     warm, cold = compare_temperatures(records, tests)
@@ -136,7 +136,7 @@ def test_temperatures_far_from_every_ocv_test_are_told():
     assert compare_temperatures(records, tests[2:]) == []
 
 
-def test_a_record_in_fahrenheit_is_told_beside_an_ocv_test_in_celsius_and_a_cold_one_by_itself():
+def test_a_record_in_fahrenheit_is_reported_beside_a_test_in_celsius_and_a_cold_one_alone():
     warm, cold = compare_temperatures([("drive", 77.0), ("cold", -20.0)], [("ocv", 25.0)])
     assert (warm.code, warm.values["of"], cold.values["of"]) == (
         "cell.temperature", "fahrenheit", "test"

@@ -34,7 +34,7 @@ def test_one_read_of_a_file_gives_its_record_and_its_check(tmp_path, monkeypatch
     assert (check_file(source), read_record(source).sha256) == expected
 
 
-def test_many_faults_are_all_found_at_once(tmp_path):
+def test_many_faults_are_all_detected_at_once(tmp_path):
     table = frame()
     table = changed(table, VOLTAGE, np.nan, [77])
     table = changed(table, TIME, 12.5, [500])
@@ -77,7 +77,7 @@ def test_a_rough_record_of_any_shape_is_checked_without_a_crash(tmp_path_factory
     assert json.dumps(checked(tmp_path_factory.mktemp("rough"), table).to_dict())
 
 
-def test_rows_of_a_testers_own_file_are_deleted_in_an_export():
+def test_rows_of_a_testers_file_are_deleted_in_an_export():
     voltage_v = frame()[VOLTAGE].to_numpy()
     source = source_from_frame(changed(frame(), VOLTAGE, voltage_v[700] + 0.3, 700), "cell.nda")
     remedies = [each.remedy for each in check_file(source).findings]
@@ -102,7 +102,7 @@ def inputs():
     is_late=st.booleans(),
     run=st.integers(1, 4),
 )
-def test_a_slip_of_the_clock_anywhere_is_found_and_seen_through(
+def test_a_slip_of_the_clock_anywhere_is_detected_and_seen_through(
     tmp_path_factory, line, off_s, is_late, run
 ):
     inputs = frame()[:2000]

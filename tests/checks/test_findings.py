@@ -274,7 +274,7 @@ TEXTS = {}
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_fault_is_found_by_its_own_check_and_its_errors_are_what_the_reader_raises(
+def test_a_fault_is_detected_by_its_check_and_its_errors_are_what_the_reader_raises(
     tmp_path, fault
 ):
     table, expected = FAULTS[fault]
@@ -316,7 +316,7 @@ def test_every_finding_is_worded_as_it_was_written_down():
         for number, spike in enumerate([(VOLTAGE, 0.5), (VOLTAGE, -0.4), (CURRENT, 8.0)])
     ],
 )
-def test_a_spike_is_found_at_its_row(tmp_path, name, column, height, width):
+def test_a_spike_is_detected_at_its_row(tmp_path, name, column, height, width):
     table = frame(name)
     line = 3001 if name != "ocv_charge" else 4001
     lines = np.arange(line, line + width)
@@ -329,7 +329,7 @@ def test_a_spike_is_found_at_its_row(tmp_path, name, column, height, width):
 
 @pytest.mark.parametrize("late", [3, -3, 5])
 @pytest.mark.parametrize("column", [VOLTAGE, CURRENT])
-def test_a_spike_beside_a_late_voltage_is_found_at_its_row(tmp_path, late, column):
+def test_a_spike_beside_a_late_voltage_is_detected_at_its_row(tmp_path, late, column):
     table = DRIVE.with_columns(pl.col(VOLTAGE).shift(late)).drop_nulls()
     height = 0.5 if column == VOLTAGE else 8.0
     outcome = checked(tmp_path, changed(table, column, array(table, column)[3001] + height, 3001))
@@ -344,7 +344,7 @@ def test_a_short_pulse_that_the_voltage_answers_is_no_spike(tmp_path):
 
 @pytest.mark.parametrize("name", DRIVES)
 @pytest.mark.parametrize(("column", "value"), [(VOLTAGE, None), (CURRENT, 0.0), (CURRENT, 0.5538)])
-def test_a_channel_that_stands_still_is_found(tmp_path, name, column, value):
+def test_a_channel_that_stands_still_is_detected(tmp_path, name, column, value):
     table = frame(name)
     value = array(table, column)[3000] if value is None else value
     outcome = checked(tmp_path, changed(table, column, value, np.arange(3000, 3400)))
@@ -354,14 +354,14 @@ def test_a_channel_that_stands_still_is_found(tmp_path, name, column, value):
 
 
 @pytest.mark.parametrize("name", BUNDLED_NAMES)
-def test_a_clipped_voltage_is_found(tmp_path, name):
+def test_a_clipped_voltage_is_detected(tmp_path, name):
     table = frame(name)
     clipped = changed(table, VOLTAGE, np.clip(array(table, VOLTAGE), 3.3, 3.9))
     assert "stops at" in finding(checked(tmp_path, clipped), "stuck").what
 
 
 @pytest.mark.parametrize("name", DRIVES)
-def test_a_clipped_current_is_found_at_both_ends(tmp_path, name):
+def test_a_clipped_current_is_detected_at_both_ends(tmp_path, name):
     table = frame(name)
     table = changed(table, CURRENT, np.clip(array(table, CURRENT), -1.5, 1.5))
     findings = checked(tmp_path, table).findings
@@ -397,7 +397,7 @@ def test_a_step_of_the_current_that_the_voltage_answers_late_is_no_break(tmp_pat
 
 @pytest.mark.parametrize("name", BUNDLED_NAMES)
 @pytest.mark.parametrize("offset_a", [0.05, -0.05, 0.005])
-def test_a_current_offset_at_rest_is_found_with_its_size(tmp_path, name, offset_a):
+def test_a_current_offset_at_rest_is_detected_with_its_size(tmp_path, name, offset_a):
     table = frame(name)
     outcome = checked(tmp_path, changed(table, CURRENT, array(table, CURRENT) + offset_a))
     rests = finding(outcome, "rests")
@@ -419,7 +419,7 @@ def test_a_current_without_a_sign_is_an_error(tmp_path, name):
 
 
 @pytest.mark.parametrize("name", BUNDLED_NAMES)
-def test_a_sign_that_turns_is_found_where_it_does(tmp_path, name):
+def test_a_sign_that_turns_is_detected_where_it_does(tmp_path, name):
     table = frame(name)
     half = table.height // 2
     turned = np.where(np.arange(table.height) < half, 1.0, -1.0) * array(table, CURRENT)
@@ -429,7 +429,7 @@ def test_a_sign_that_turns_is_found_where_it_does(tmp_path, name):
     assert 0 <= finding(outcome, "sign").row - half < 500
 
 
-def test_a_hard_drive_cycle_without_its_sign_is_found(tmp_path, real_data):
+def test_a_hard_drive_cycle_without_its_sign_is_detected(tmp_path, real_data):
     """US06 charges so seldom that few of its steps contradict the others."""
     (path,) = real_data.glob("calce*/us06_25degC_80soc*.parquet")
     table = pl.read_parquet(path)[[TIME, CURRENT, VOLTAGE]]

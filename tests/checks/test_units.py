@@ -29,7 +29,7 @@ from helpers.records import (
 CLEAN = {}
 
 
-def test_the_units_of_a_testers_own_format_are_not_in_doubt():
+def test_the_units_of_a_testers_format_are_not_in_doubt():
     source = source_from_frame(times(TIME, 1 / 60)(frame()), "cell.ndax")
     assert counting(check_file(source)) == {"unit": "error"}
     known = replace(source, table=replace(source.table, has_fixed_units=True))
@@ -146,7 +146,7 @@ def test_a_slow_sweep_whose_steps_are_hidden_is_not_in_minutes(interval_s, late,
     assert "unit" not in counting(outcome)
 
 
-def test_a_time_converted_twice_is_told_by_a_load_whose_current_is_of_means():
+def test_a_time_converted_twice_is_detected_by_a_load_whose_current_is_of_means():
     """An hour of 0, C/2, 1C or 2C each second, the current the mean of two rows: many of its steps
     show little of the resistance."""
     rng = np.random.default_rng(1)
@@ -167,7 +167,7 @@ def test_a_current_named_in_milliamperes_is_not_taken_for_them_again(tmp_path):
     assert "capacity" in found_checks
 
 
-def test_a_charge_of_the_interval_too_small_for_the_cell_is_told_by_its_own_name():
+def test_a_charge_of_the_interval_too_small_for_the_cell_is_reported_by_its_name():
     table = pulse_frame().select(
         pl.col(TIME).alias("time/s"),
         (pl.col(CURRENT) / 3600).alias("dq/mA.h"),
@@ -182,7 +182,7 @@ def test_a_charge_of_the_interval_too_small_for_the_cell_is_told_by_its_own_name
 
 
 @pytest.mark.parametrize("name", ["Sense Voltage / V", "Aux_Voltage_1(V)"])
-def test_a_voltage_at_the_leads_is_told_from_one_at_the_cell(tmp_path, name):
+def test_a_voltage_at_the_leads_is_distinguished_from_one_at_the_cell(tmp_path, name):
     drop_v = 0.02 * pl.col(CURRENT)
     outcome = checked(tmp_path, frame().with_columns((pl.col(VOLTAGE) + drop_v).alias(name)))
     assert counting(outcome) == {"twin columns": "warning"}
@@ -191,7 +191,7 @@ def test_a_voltage_at_the_leads_is_told_from_one_at_the_cell(tmp_path, name):
 
 
 @pytest.mark.parametrize("factor", [1.0, 1000.0, 0.5])
-def test_currents_that_disagree_are_told(tmp_path, factor):
+def test_currents_that_disagree_are_reported(tmp_path, factor):
     """A column in mA beside one in A agrees with it where its values are a thousand times it."""
     table = frame().with_columns((pl.col(CURRENT) * factor).alias("I / mA"))
     outcome = checked(tmp_path, table)
@@ -227,7 +227,7 @@ def test_two_voltages_that_differ_are_to_be_chosen_from(apart_v):
         np.testing.assert_allclose(record.voltage_v, table["voltage"].to_numpy() + extra_v)
 
 
-def test_a_second_voltage_beside_the_one_that_a_tester_names_is_told_where_it_reads_alike():
+def test_a_second_voltage_beside_the_one_that_a_tester_names_is_reported_where_it_reads_alike():
     aux = (pl.col(VOLTAGE) + 0.03).alias("Aux_Voltage_1(V)")
     table = pulse_frame().with_columns(aux, pl.lit(1).alias("Step_Index"))
     table.columns = ["Test_Time(s)", "Current(A)", "Voltage(V)", *table.columns[3:]]

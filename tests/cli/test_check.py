@@ -40,7 +40,9 @@ def test_findings_give_status_1_with_row_and_remedy(run, faulty):
     assert max(map(len, outcome.out.splitlines())) <= 80
 
 
-def test_a_file_that_is_no_table_gives_status_2_and_the_others_are_told(run, faulty, unreadable):
+def test_a_file_that_is_no_table_gives_status_2_and_the_others_are_reported(
+    run, faulty, unreadable
+):
     outcome = run("check", unreadable, faulty, BUNDLED.record)
     assert outcome.status == 2
     assert "error: noise.csv: the content is binary" in outcome.err

@@ -63,7 +63,7 @@ def test_neither_another_file_nor_the_measured_one_is_written_over(refuse, cycle
     assert "this is the file to read" in refuse(*words)
 
 
-def test_a_users_own_json_is_not_replaced_by_the_origin_of_a_record(refuse, run, tmp_path):
+def test_a_users_json_is_not_replaced_by_the_origin_of_a_record(refuse, run, tmp_path):
     (tmp_path / "cell.csv").write_text(pulse_table().write_csv())
     words = ("convert", tmp_path / "cell.csv", "--out", tmp_path / "out.csv", "--force")
     for _ in range(2):

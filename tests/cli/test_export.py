@@ -23,7 +23,7 @@ def stored(tmp_path):
 
 
 @pytest.mark.parametrize("name", EXPORTERS)
-def test_every_target_goes_to_its_own_file(run, stored, tmp_path, name):
+def test_every_target_goes_to_its_file(run, stored, tmp_path, name):
     outcome = run("export", stored, "--to", name)
     exporter = EXPORTERS[name]
     content, caveats = exporter.write(Result.from_json(stored))

@@ -116,7 +116,7 @@ def test_what_lies_in_a_folder_of_no_fleet_is_not_written_over(run, tmp_path, na
     assert mine.read_text() == "mine"
 
 
-def test_a_users_own_table_in_the_way_of_a_dataset_is_not_to_be_deleted(run, tmp_path):
+def test_a_users_table_in_the_way_of_a_dataset_is_not_to_be_deleted(run, tmp_path):
     (tmp_path / "m.csv").write_text("id,records\na,nowhere.csv\n")
     mine = tmp_path / "out" / "cells.parquet"
     mine.parent.mkdir()

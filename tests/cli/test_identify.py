@@ -108,7 +108,7 @@ def test_json_prints_the_bytes_that_a_folder_holds_and_writes_nothing(run, finis
 
 
 @pytest.mark.usefixtures("without_figures")
-def test_quiet_shows_warnings_alone_and_force_keeps_a_users_own_files(run, finished, tmp_path):
+def test_quiet_shows_warnings_alone_and_force_keeps_a_users_files(run, finished, tmp_path):
     old = {"result.json": b"old", "figures/old.png": b"old"}
     write_folder(tmp_path / "barnax-out", old, False)
     (tmp_path / "barnax-out/figures/mine.png").write_bytes(b"mine")

@@ -284,7 +284,7 @@ def test_a_users_folders_and_links_stay_as_they_are(old):
     assert sorted(path.name for path in (old / "figures").iterdir()) == ["mine.png"]
 
 
-def test_what_a_killed_command_left_is_told_and_stays(run, tmp_path):
+def test_what_a_killed_command_left_is_reported_and_stays(run, tmp_path):
     left = aside(tmp_path)
     appear(left, {"old/out/result.json": b"old"})
     appear(tmp_path, {".barnax-2024-11/thesis.tex": b"mine"})
@@ -365,7 +365,7 @@ REFUSED = {
 
 @pytest.mark.usefixtures("without_work")
 @pytest.mark.parametrize(("name", "message"), REFUSED.items(), ids=lambda text: text[:12])
-def test_a_place_that_takes_no_folder_is_refused_before_any_work(
+def test_a_path_that_takes_no_folder_is_refused_before_any_work(
     refuse, tmp_path, old, name, message
 ):
     appear(tmp_path / "foreign", MINE)

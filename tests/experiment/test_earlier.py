@@ -53,7 +53,7 @@ def test_a_record_by_the_second_takes_the_same_charge(prepared):
 
 
 @pytest.mark.slow
-def test_noise_is_told_from_what_a_circuit_leaves_out(prepared, prior):
+def test_noise_is_distinguished_from_what_a_circuit_leaves_out(prepared, prior):
     rng = np.random.default_rng(3)
     count = len(prepared.soc)
     seconds = by_second(prepared)
@@ -71,7 +71,7 @@ def test_noise_is_told_from_what_a_circuit_leaves_out(prepared, prior):
         assert found[size].rest_v < 0.95 * found[size].rmse_v
 
 
-def test_planted_noise_is_found(prepared, prior):
+def test_planted_noise_is_measured(prepared, prior):
     rng = np.random.default_rng(4)
     count = len(prepared.soc)
     noise_v = correlated(rng, count, 10, 2e-3) + correlated(rng, count, 200, 3e-3)

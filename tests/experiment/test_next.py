@@ -121,7 +121,7 @@ def test_a_record_that_is_predicted_badly_is_answered_with_more_data(result, tim
     assert step.advice.startswith("identify on validation.parquet too") is is_bad
 
 
-def test_no_test_is_designed_for_what_is_known_already(result, prior, tmp_path, monkeypatch):
+def test_no_test_is_designed_for_what_is_determined_already(result, prior, tmp_path, monkeypatch):
     easy = {"R0": 0.5, "drive": 0.1}
     none = barnax.design(result, want=easy)
     assert (none.steps, none.hours, none.already) == ((), 0.0, ("R0", "drive"))
@@ -202,7 +202,7 @@ def logged(shown_a, voltage_v=3.6, begins_s=0.0):
     return make_record(begins_s + np.arange(float(len(shown_a))), shown_a, voltage_v)
 
 
-def test_a_test_s_own_record_shows_how_its_current_was_sampled(design):
+def test_the_record_of_a_test_shows_how_its_current_was_sampled(design):
     current_a = sampled(design.steps)
     assert design.sampling_of(logged(current_a)) == "forward"
     before_a = np.append(current_a[0], current_a[:-1])
@@ -213,9 +213,7 @@ def test_a_test_s_own_record_shows_how_its_current_was_sampled(design):
     assert design.sampling_of(logged(current_a, begins_s=100.0)) is None
 
 
-def test_a_plan_is_told_the_sampling_of_its_one_record_where_the_test_s_steps_show_it(
-    design, tmp_path
-):
+def test_a_plan_has_the_sampling_of_its_one_record_where_the_test_s_steps_show_it(design, tmp_path):
     current_a = sampled(design.steps)
     before_a = np.append(current_a[0], current_a[:-1])
     for name, shown_a in (("test.csv", before_a), ("other.csv", current_a[::-1])):
@@ -237,7 +235,7 @@ def test_a_plan_is_told_the_sampling_of_its_one_record_where_the_test_s_steps_sh
 
 
 @pytest.mark.slow
-def test_intervals_of_a_test_s_own_record_are_those_that_were_promised(design, result):
+def test_intervals_of_the_record_of_a_test_are_those_that_were_promised(design, result):
     current_a = sampled(design.steps)
     profile = {"Time [s]": np.arange(float(len(current_a))), "Current [A]": current_a}
     simulated = result.simulate(profile, initial_soc=design.initial_soc)

@@ -77,7 +77,7 @@ def require_limits(result, design, initial_soc, abs_v=0.05):
         assert voltage_v.min() == pytest.approx(design.predicted.voltage_v.min(), abs=abs_v)
 
 
-def test_a_test_stays_where_the_ocv_is_known(prior, result):
+def test_a_test_stays_where_the_ocv_was_identified(prior, result):
     design = quick_design(prior, **LIMITS)
     low, high = prior.ocv_soc
     assert (low, high) == pytest.approx((0.2, 0.65), abs=0.01)
@@ -98,7 +98,7 @@ def joined(placed):
     return prior_of(placed, None, "nmc")
 
 
-def test_beyond_what_the_record_told_the_ocv_is_that_of_the_chemistry(joined, prior):
+def test_beyond_what_the_record_showed_the_ocv_is_that_of_the_chemistry(joined, prior):
     soc = np.array([0.0, 0.1, 0.3, 0.6, 0.8, 1.0])
     np.testing.assert_allclose(joined.ocv_v(soc[2:4]), prior.ocv_v(soc[2:4]), atol=1e-3)
     typical_v = prior_of(None, 2.0, "nmc").ocv_v(soc)
@@ -181,7 +181,7 @@ def test_a_start_above_the_highest_voltage_is_refused(ocv_soc, high_v, words):
 
 
 @pytest.mark.slow
-def test_another_capacity_would_stretch_an_ocv_that_the_record_told(unplaced):
+def test_another_capacity_would_stretch_an_ocv_that_the_record_showed(unplaced):
     with pytest.raises(InputError, match=r"the OCV was identified over 0\.90.* would be stretched"):
         barnax.design(unplaced, capacity=2.0)
 
@@ -203,7 +203,7 @@ def test_a_part_of_the_charge_without_a_node_is_refused():
 
 
 @pytest.mark.slow
-def test_hours_that_are_too_few_are_told_with_the_least():
+def test_hours_that_are_too_few_are_refused_with_the_least():
     with pytest.raises(InputError, match=r"`max_hours` 0\.5: .* takes .* h without rests") as told:
         barnax.design(capacity=2.0, max_hours=0.5, blocks=BLOCKS)
     least = float(str(told.value).split(" h without rests")[0].split()[-1])

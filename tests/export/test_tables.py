@@ -98,7 +98,7 @@ def test_the_hysteresis_starts_where_the_last_current_left_it(direction):
     ],
     ids=["without hysteresis", "with one"],
 )
-def test_a_circuit_of_ones_own_is_exported_with_its_own_source(monkeypatch, source, ocv_v, w_v):
+def test_a_circuit_of_the_user_is_exported_with_its_source(monkeypatch, source, ocv_v, w_v):
     circuit = Circuit("with a source", "", **source)
     monkeypatch.setattr(barnax.export.tables, "get_circuit", lambda name: circuit)
     tables = tables_of(make_result())

@@ -27,7 +27,7 @@ def faked(result, error_v):
     return replace(EXPORTERS["csv"], package="numpy", simulate=simulate)
 
 
-def test_the_largest_difference_is_found_whatever_its_sign():
+def test_the_largest_difference_counts_whatever_its_sign():
     result, error_v = make_result("so-rc"), np.zeros(200)
     error_v[[20, 90]] = 1e-3, -4e-3
     found = verify(result, faked(result, error_v), b"", SHORT)

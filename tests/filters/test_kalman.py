@@ -297,7 +297,7 @@ def test_estimation_errors_and_innovations_are_as_large_as_the_filter_says():
 
 @pytest.mark.parametrize("kind", ["ekf", pytest.param("ukf", marks=pytest.mark.slow), "dual"])
 @in_float64
-def test_what_is_estimated_is_found(kind):
+def test_estimates_converge_to_the_truth(kind):
     """A current offset of 20 mA and R0 three tenths too low; errors of rests hide neither."""
     truth_model, restless = straight_model(), (3.0, 1.0, 0.5, -1.5)
     drive, truth = simulated(truth_model, jax.random.key(1), 0.7, samples=4000, currents_a=restless)
@@ -484,7 +484,7 @@ def test_a_fault_of_the_measurement_corrects_nothing(fault):
     assert np.abs(faulty.soc_sd / plain.soc_sd - 1)[-1] < 0.05
 
 
-def test_a_start_that_is_wrong_is_found_although_it_looks_like_a_fault():
+def test_a_start_that_is_wrong_is_corrected_although_it_looks_like_a_fault():
     model = straight_model()
     drive, truth = simulated(model, jax.random.key(4), 0.6)
     wrong = filtered(model, drive, "ekf", soc=0.2, sd=0.02)

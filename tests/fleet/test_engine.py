@@ -244,7 +244,7 @@ def alone(small_fleet, tmp_path_factory):
     return read_rows(out)
 
 
-def test_a_row_says_what_was_found_or_why_nothing_was(alone):
+def test_a_row_says_what_was_identified_or_why_nothing_was(alone):
     rows = {row["id"]: row for row in alone.to_dicts()}
     assert "corrupt.parquet" in rows["corrupt"]["error"]
     assert "nowhere*.parquet" in rows["missing"]["error"]

@@ -60,7 +60,7 @@ def test_every_format_says_the_same(folder, name):
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
 @pytest.mark.parametrize("column", ["records", "ocv", "validate", "cell", "bounds"])
-def test_a_pipe_or_a_device_is_told_with_its_row_and_never_read(folder, column):
+def test_a_pipe_or_a_device_is_refused_with_its_row_and_never_read(folder, column):
     os.mkfifo(folder / "pipe.csv")
     for name in ("pipe.csv", "p*.csv", "/dev/zero"):
         row = {"id": "odd", "records": "b.csv", column: name}

@@ -105,7 +105,7 @@ def test_a_manifest_in_a_store_reads_no_file_of_this_machine(memory, name):
         read_manifest(str(manifest))
 
 
-def test_a_store_that_is_not_there_is_told(memory):
+def test_a_store_that_is_not_there_is_reported(memory):
     with pytest.raises(InputError, match=r"none.csv: cannot be read"):
         fetched(memory / "none.csv", 10)
     (memory / "a").fs.pipe_file((memory / "a").path, b"12345")

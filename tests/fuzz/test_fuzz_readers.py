@@ -149,7 +149,7 @@ def test_whatever_a_file_holds_is_read_or_refused(tmp_path, kind, examples):
     repeated(examples, lambda content: survive(tmp_path, content), CONTENTS[kind])
 
 
-def test_a_table_of_ocv_is_known_beside_a_column_whose_name_is_a_number(tmp_path):
+def test_a_table_of_ocv_is_recognized_beside_a_column_whose_name_is_a_number(tmp_path):
     survive(tmp_path, OCV.with_columns(pl.lit(1.0).alias("nan")).write_csv().encode())
 
 

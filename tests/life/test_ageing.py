@@ -243,7 +243,7 @@ def test_a_descent_goes_on_until_a_step_is_small_beside_the_errors(
 
 
 @pytest.mark.slow
-def test_the_voltage_that_told_a_start_moves_with_a_shift_of_the_ocv(cell):
+def test_the_voltage_that_gave_a_start_moves_with_a_shift_of_the_ocv(cell):
     found = measured(cell, begun=0.98, opening_s=4000, shift_v=0.025)
     assert all(found[name].is_determined for name in ("start SOC", SHIFT))
     for name, value in {"start SOC": 0.98, SHIFT: 0.025}.items():

@@ -82,7 +82,7 @@ def test_a_trend_is_the_best_prediction_of_the_model(shared):
     np.testing.assert_allclose(error, np.sqrt(variance), rtol=1e-6)
 
 
-def test_what_is_not_known_changes_nothing():
+def test_what_is_missing_changes_nothing():
     series, _ = fleet(np.random.default_rng(2), 5)
     padding = ((0, 0), (0, 3), (0, 0))
     filled = Series(*(np.pad(each, padding[: each.ndim]) for each in vars(series).values()))
@@ -116,7 +116,7 @@ def test_estimates_that_scatter_less_than_is_stated_have_narrower_trends():
 
 
 @pytest.mark.parametrize("planted", [-0.3, pytest.param(0.3, marks=pytest.mark.slow)])
-def test_a_planted_knee_is_found_and_its_trend_follows_it(planted):
+def test_a_planted_knee_is_detected_and_its_trend_follows_it(planted):
     series, truth = fleet(np.random.default_rng(4), planted=planted)
     judged = judge(series, 0.1, np.random.default_rng(0))
     assert set(judged.faults) == {0}

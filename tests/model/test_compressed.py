@@ -174,7 +174,7 @@ def test_the_short_residuals_have_the_norm_and_the_slopes_of_the_long_ones(bundl
     np.testing.assert_allclose(gradient[1], gradient[0], rtol=1e-7, atol=1e-12)
 
 
-def test_single_precision_agrees_to_its_own_rounding(bundled_cell):
+def test_single_precision_agrees_to_its_rounding(bundled_cell):
     record = drive_record("even", SAMPLES, 5)
     problem = make_problem(record, bundled_cell, "so-rc", window=KNOWN_SOC)
     with jax.enable_x64(True):

@@ -149,7 +149,7 @@ def test_the_state_of_charge_falls_by_the_ampere_hours_taken_from_the_start_on(h
 
 
 @pytest.mark.parametrize("given_ah", [None, 1.0])
-def test_the_capacity_of_a_window_is_the_records_own(bundled_cell, given_ah):
+def test_the_capacity_of_a_window_replaces_the_cell_s(bundled_cell, given_ah):
     course = prepared(bundled_cell, Window(initial_soc=0.8, capacity_ah=given_ah))
     expected_ah = given_ah or bundled_cell.capacity_ah
     assert course.capacity_ah == expected_ah
@@ -201,7 +201,7 @@ def test_a_given_state_of_charge_that_the_rested_voltage_denies_is_doubted(
 
 
 @pytest.mark.parametrize("given_soc", [None, 0.95])
-def test_a_start_that_other_records_moved_is_doubted_as_it_was_told(bundled_cell, given_soc):
+def test_a_start_that_other_records_moved_is_doubted_as_it_was_given(bundled_cell, given_soc):
     rested_v, told = ocv_v(bundled_cell.charge, 0.999), Window(initial_soc=given_soc)
     known = Registration(told, given_soc or 0.999, 2.0, "rested voltage", 0.93, 0.97, 1.9, 2.1)
     moved = {"initial_soc": 0.951, "soc_source": "registered", "registration": known}
@@ -343,7 +343,7 @@ def test_a_scored_voltage_that_is_not_positive_is_refused_with_row_and_remedy(
     # Rounding, what full charges differ by, and more.
     [(2e-5, []), (0.005, ["note"]), (0.03, ["warning"])],
 )
-def test_samples_outside_the_ocv_points_are_told_with_their_count(
+def test_samples_outside_the_ocv_points_are_reported_with_their_count(
     bundled_cell, farthest, severities
 ):
     soc = prepared(bundled_cell, Window(initial_soc=0.5)).soc

@@ -55,7 +55,7 @@ def counted_compilations():
 
 
 @pytest.mark.parametrize("circuit", ["so-rc", pytest.param("esc", marks=pytest.mark.slow)])
-def test_a_new_length_in_a_known_size_compiles_nothing(bundled_cell, circuit):
+def test_a_new_length_in_a_compiled_size_compiles_nothing(bundled_cell, circuit):
     gamma = 100.0 if circuit == "esc" else None
     at = CircuitParameters.constant(0.05, (0.01, 0.02), (500.0, 4000.0), gamma)
 

@@ -98,7 +98,7 @@ def from_empty_to_full(cell):
     return make_record(time_s, after_a, voltage_v), own, full_at
 
 
-def test_a_record_of_more_charge_than_the_capacity_is_counted_over_its_own(bundled_cell):
+def test_a_record_of_more_charge_than_the_capacity_is_counted_over_its_charge(bundled_cell):
     record, own, full_at = from_empty_to_full(bundled_cell)
     cell = replace(own, capacity_ah=own.capacity_ah / 1.02)
     found = prepare_record(record, cell, "so-rc", Window())
@@ -118,7 +118,7 @@ def test_a_start_beyond_the_capacity_that_was_given_leaves_full_where_it_is_show
 
 
 @pytest.mark.parametrize("share", [0.985, 1.0, 1.015])
-def test_a_start_near_empty_is_found_whatever_of_the_capacity_testers_lose(bundled_cell, share):
+def test_a_start_near_empty_is_placed_whatever_of_the_capacity_testers_lose(bundled_cell, share):
     record, own, full_at = from_empty_to_full(bundled_cell)
     cell = replace(own, capacity_ah=share * own.capacity_ah)
     found = prepare_record(record, cell, "so-rc", Window())
@@ -249,7 +249,7 @@ def test_a_log_that_was_cut_is_named_whole_and_without_other_files(bundled_cell,
 
 
 @pytest.mark.parametrize("has_all_dates", [True, False])
-def test_a_log_with_dates_is_known_by_them_for_each_clock_starts_at_zero(
+def test_a_log_with_dates_is_recognized_by_them_for_each_clock_starts_at_zero(
     bundled_cell, has_all_dates
 ):
     whole, _ = made(bundled_cell, [(0.0, 300), *PULSES * 4, (1.0, 1500)], 0.8)

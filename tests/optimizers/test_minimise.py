@@ -38,7 +38,7 @@ def history_of(solution):
     return np.asarray(solution.stats["history"])
 
 
-def test_a_search_asked_and_told_is_that_of_one_call(whole):
+def test_a_search_by_ask_and_tell_is_that_of_one_call(whole):
     """The losses come from NumPy; what JAX is asked for are positions alone."""
     optimizer = BarnacleMating(**SMALL)
     ask, tell = jax.jit(optimizer.ask), jax.jit(optimizer.tell)

@@ -64,7 +64,7 @@ def test_losses_lie_between_the_least_and_the_mean_of_the_finite():
     np.testing.assert_array_equal(badness(jnp.full(3, jnp.inf)), 1)
 
 
-def test_a_coevolving_particle_moves_its_own_coordinates_in_the_context():
+def test_a_coevolving_particle_moves_its_coordinates_in_the_context():
     solver = CoevolvingSwarm(CANDIDATES, groups=3)
     swarm, drawn = prepared(solver)
     offspring, species = proposed(solver, drawn, swarm, 1)
@@ -296,7 +296,7 @@ def test_a_random_subset_has_its_share_rounded_down(share):
     assert random_subset(numbers, jnp.array(share)).sum() == max(0, int(21 * share))
 
 
-def test_a_sailfish_takes_the_place_of_a_fitter_sardine():
+def test_a_sailfish_replaces_a_fitter_sardine():
     solver = SailfishSearch(population=6, iterations=5, sailfish_share=0.34)
     sailfish, sardines, born = jnp.ones((2, 1)), 2 * jnp.ones((4, 1)), 3 * jnp.ones((2, 1))
     before = solver.prepare(Swarm(jnp.zeros((6, 1)), jnp.full(6, 9.0)), None)

@@ -16,7 +16,7 @@ def losses_with_ties(size, seed=0):
 
 
 @either_size
-def test_ranks_are_places_in_a_stable_sort(size):
+def test_ranks_are_indices_in_a_stable_sort(size):
     losses = losses_with_ties(size)
     order = np.argsort(losses, kind="stable")
     np.testing.assert_array_equal(np.asarray(ranks(jnp.asarray(losses)))[order], np.arange(size))

@@ -61,7 +61,7 @@ def test_an_offset_adds_its_charge_along_the_ocv_and_its_drop_over_all_resistanc
         (0.05, 0.0074, 0.5, True),
     ],
 )
-def test_an_offset_is_told_by_its_size_its_error_and_what_it_leaves(
+def test_an_offset_is_reported_by_its_size_its_error_and_what_it_leaves(
     monkeypatch, offset, error, left, is_told
 ):
     capacity_ah, without_v = 2.0, 4e-3

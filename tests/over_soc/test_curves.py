@@ -16,7 +16,7 @@ INSIDE = np.array([node for node in NODES if 0 <= node <= 1])
 
 
 @pytest.mark.parametrize("width", [0.08, 0.12, 0.3])
-def test_a_curve_is_found_from_the_best_lines_along_it(width):
+def test_a_curve_follows_from_the_best_lines_along_it(width):
     def curve(soc):
         return 1 + np.exp(-soc / width)
 

@@ -96,7 +96,7 @@ def test_an_interval_is_students_t_times_the_root_of_the_sandwich():
 
 
 @in_float64
-def test_the_interval_of_a_cell_of_a_pack_holds_the_circuit_s_own_error_too():
+def test_the_interval_of_a_cell_of_a_pack_holds_the_circuit_s_error_too():
     prepared = prepared_of(made_record(200, interval_s=3.0))
     # The second cell has 10 % more R0.
     noise_v = 4e-4 * np.random.default_rng(5).standard_normal((200, 2))

@@ -85,7 +85,7 @@ def followed(warming):
     return identified(warming, resistances_follow="temperature", nodes=FEW_NODES)
 
 
-def test_a_beta_of_the_measured_temperature_is_found(followed):
+def test_a_beta_of_the_measured_temperature_is_identified(followed):
     fit = followed.fit
     known = fit.tables.dependence
     assert known.beta_per_k == pytest.approx(BETA, rel=0.03)
@@ -120,7 +120,7 @@ def test_it_comes_back_and_predicts_another_temperature(followed):
     assert again.validate(named, window).metrics.rmse_v < 0.3 * far.metrics.rmse_v
 
 
-def test_a_simulation_follows_a_temperature_of_its_own(followed):
+def test_a_simulation_follows_the_temperature_that_it_is_given(followed):
     record, soc = made(7, driven=by_temperature(18.0, 4.0))
     frame = {
         "Time [s]": record.time_s,
@@ -160,7 +160,7 @@ def test_the_measured_temperature_is_chosen_and_none_is_asked_for_and_taken(warm
 
 
 @pytest.mark.slow
-def test_heat_of_its_own_is_found_from_several_records():
+def test_self_heating_is_identified_from_several_records():
     driven = by_heat(1500.0, 0.25, 0.9)
     # One drives harder, so that it is warmer at the same SOC.
     records = [made(seed, driven=driven, hours=hours)[0] for seed, hours in ((0, 2.5), (1, 1.5))]
@@ -170,7 +170,7 @@ def test_heat_of_its_own_is_found_from_several_records():
 
 
 @pytest.mark.slow
-def test_a_current_of_butler_and_volmer_is_found():
+def test_a_current_of_butler_and_volmer_is_identified():
     records = [made(seed, driven=by_current(0.8))[0] for seed in range(2)]
     known = identified(records).fit.tables.dependence
     assert known.onset_a == pytest.approx(0.8, rel=0.1)
@@ -179,7 +179,7 @@ def test_a_current_of_butler_and_volmer_is_found():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("ratio", [1.0, 1.3])
-def test_resistances_that_differ_with_the_direction_are_told_from_one_record(ratio):
+def test_resistances_that_differ_with_the_direction_are_identified_from_one_record(ratio):
     """Else an OCV of the record's own is too high by half the difference."""
     record = made(driven=by_direction(ratio))[0]
     fit = identified([record]).fit

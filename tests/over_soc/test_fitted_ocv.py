@@ -53,7 +53,7 @@ def known():
     return record, soc, fit_with_ocv([record], "so-rc", {record.name: FROM_FULL}, settings)
 
 
-def test_ocv_and_circuit_of_a_known_cell_are_proved_and_within_their_intervals(known):
+def test_ocv_and_circuit_of_a_simulated_cell_are_proved_and_within_their_intervals(known):
     _, soc, own = known
     assert own.fit.status == "certified"
     assert own.fit.tables.tau_s == pytest.approx(TAU_S, rel=0.05)
@@ -222,7 +222,7 @@ def turning(request):
     return request.param, soc, barnax.identify(record, window=FROM_FULL, nodes=FEW_NODES, **FAST)
 
 
-def test_a_hysteresis_is_found_with_the_ocv_where_there_is_one(turning):
+def test_a_hysteresis_is_identified_with_the_ocv_where_there_is_one(turning):
     """Else the slow pair takes it up, and its resistance is 20 % too high."""
     half_gap_v, soc, result = turning
     assert result.model == ("esc" if half_gap_v else "so-rc")
@@ -238,7 +238,7 @@ def test_a_hysteresis_is_found_with_the_ocv_where_there_is_one(turning):
 
 
 @pytest.mark.parametrize("model", [None, pytest.param("esc", marks=pytest.mark.slow)])
-def test_a_hysteresis_that_turns_as_slowly_as_an_ocv_is_not_told_from_it(model):
+def test_a_hysteresis_that_turns_as_slowly_as_an_ocv_is_not_distinguished_from_it(model):
     """Over half of the range, its gap could be anything: no circuit with it is chosen, and of one
     that is asked for neither gap nor OCV is determined."""
     record, _ = hysteretic(0.02, gamma=2.0)
@@ -289,7 +289,7 @@ def test_a_hysteresis_is_chosen_under_noise_and_beside_a_third_pair(model, noise
 
 @pytest.mark.slow
 @pytest.mark.parametrize("keep_starts", [False, True])
-def test_of_several_records_the_direction_is_found_with_the_start(keep_starts):
+def test_of_several_records_the_direction_is_identified_with_the_start(keep_starts):
     """A rest tells the start by the branch that it is on: the gap is 2 % SOC there, and a start
     wrong by that leaves a slow resistance 40 % too high."""
     first, _ = hysteretic(0.012, 40.0, 9000)
@@ -339,7 +339,7 @@ def with_a_test(record, wrong):
     return barnax.identify([record], ocv=test, window=FROM_FULL, **given)
 
 
-def test_what_an_ocv_test_is_worth_is_told_and_a_wrong_one_is_warned_of(known):
+def test_what_an_ocv_test_is_worth_is_reported_and_a_wrong_one_is_warned_of(known):
     record, visited, _ = known
     soc = np.linspace(max(visited.min(), 0.1), 0.9, 81)
     right, bad = (with_a_test(record, wrong) for wrong in (0.0, 0.1))
@@ -403,7 +403,7 @@ def narrow():
     return result, soc
 
 
-def test_nodes_of_the_ocv_without_samples_are_told_where_resistances_have_one_value(narrow):
+def test_nodes_of_the_ocv_without_samples_are_reported_where_resistances_have_one_value(narrow):
     result, soc = narrow
     (told,) = [one for one in result.warnings if one.code == "tables.mostly-unvisited"]
     nodes = result.tables.settings.ocv_nodes
@@ -429,7 +429,7 @@ def test_one_node_beside_an_ocv_test_is_the_constant_circuit():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["dst_25degC_80soc", "dst_45degC_80soc", "us06_25degC_80soc"])
-def test_no_interval_of_an_own_ocv_excludes_the_rests_of_a_test(real_data, name):
+def test_no_interval_of_a_fitted_ocv_excludes_the_rests_of_a_test(real_data, name):
     """Of another specimen, whose full charge differs by a percent of the SOC."""
     folder = real_data / CALCE
     result = barnax.identify(folder / f"{name}_SP20-2.parquet", **ANOTHER, **FAST)

@@ -109,7 +109,7 @@ def test_r0_is_in_its_interval_where_the_ocv_test_has_less_hysteresis_than_the_c
 
 
 @in_float64
-def test_r0_is_in_its_interval_where_the_lag_of_the_voltage_is_known_to_a_part_of_a_sample():
+def test_r0_is_in_its_interval_where_the_lag_of_the_voltage_is_off_by_a_part_of_a_sample():
     """The voltage is 0.4 samples late, and is taken for 0.36: four in a hundred of a step come
     before its current, which lowers R0."""
     hits, moved = [], []

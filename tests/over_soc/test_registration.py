@@ -70,7 +70,7 @@ def test_a_charge_beside_a_drive_leaves_blocks_out_and_not_the_drive(records):
     assert len(identified(records).fit.cross_validation.by_record) == 3
 
 
-def test_starts_and_capacities_are_found_up_to_the_axis(registered):
+def test_starts_and_capacities_are_identified_up_to_the_axis(registered):
     windows = [each.window for each in registered.of_role("identification")]
     soc = np.array([each.initial_soc for each in windows])
     capacity_ah = np.array([each.capacity_ah for each in windows])
@@ -105,7 +105,7 @@ def test_intervals_of_starts_hold_what_straight_lines_between_nodes_leave_out():
         assert known.capacity_low_ah < 2 * capacity_ah / true_ah.mean() < known.capacity_high_ah
 
 
-def test_a_record_to_validate_on_is_told_with_its_start_moved_too(registered):
+def test_a_record_to_validate_on_is_scored_with_its_start_moved_too(registered):
     record, _ = made(7, start=0.98)
     found = registered.validate(record, Window(initial_soc=0.99, capacity_ah=2.0))
     moved_soc, rmse_v = found.registered
@@ -148,7 +148,7 @@ def prepared_with(record, capacity_ah, points=401):
 
 
 @pytest.mark.slow
-def test_charge_that_an_ocv_test_and_a_record_do_not_share_is_found_by_its_rests(emptied):
+def test_charge_that_an_ocv_test_and_a_record_do_not_share_is_identified_by_its_rests(emptied):
     record, capacity_ah = emptied
     told = prepared_with(record, 1.03 * capacity_ah)
     found = register_alone(told, TableSettings())
@@ -267,7 +267,7 @@ def test_a_load_that_passes_zero_is_no_rest_that_reads_zero(rest_a, is_zero):
     assert reads_zero_at_rest(read) is is_zero
 
 
-def test_a_rest_far_from_the_ocv_of_a_record_to_validate_on_is_told(emptied):
+def test_a_rest_far_from_the_ocv_of_a_record_to_validate_on_is_reported(emptied):
     record, capacity_ah = emptied
     (told,) = rest_warnings(prepared_with(record, 1.03 * capacity_ah))
     assert told.code == "soc.rest-off-ocv"

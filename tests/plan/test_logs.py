@@ -81,7 +81,7 @@ def test_what_does_not_continue_stays_apart(cut, change):
     assert records(cut) == ["b.parquet", "c.parquet + a.parquet"]
 
 
-def test_files_stay_apart_that_two_may_continue_or_that_have_options_of_their_own(cut):
+def test_files_stay_apart_that_two_may_continue_or_that_have_separate_options(cut):
     window = {"b.parquet": barnax.Window(initial_soc=0.5)}
     assert records(cut, window=window) == ["b.parquet", "c.parquet + a.parquet"]
     noisy = WHOLE[CUTS[2] :].with_columns(

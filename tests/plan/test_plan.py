@@ -106,7 +106,7 @@ def test_a_record_given_to_validate_on_too_is_refused_where_no_other_is_left(fol
     assert roles(kept)["again.parquet"] == "validation"
 
 
-def test_what_cannot_be_read_is_told_and_the_rest_is_planned(folder):
+def test_what_cannot_be_read_is_reported_and_the_rest_is_planned(folder):
     (folder / "notes.txt").write_text("the cell got warm\n")
     (folder / ".hidden").write_text("x")
     shutil.copy(BUNDLED.record, folder / "again.parquet")
@@ -120,7 +120,7 @@ def test_what_cannot_be_read_is_told_and_the_rest_is_planned(folder):
     assert len(found.of_role("OCV test")) == 2
 
 
-def test_records_are_joined_with_an_ocv_test_of_their_own_temperature_only(folder):
+def test_records_are_joined_with_an_ocv_test_of_their_temperature_only(folder):
     cold = frame().with_columns(at(-30.0), pl.col(VOLTAGE) - 0.03 * pl.col(CURRENT))
     change(folder, "bcd", at(0.0))
     cold.write_parquet(folder / "cold.parquet")
@@ -137,7 +137,7 @@ def test_records_are_joined_with_an_ocv_test_of_their_own_temperature_only(folde
     assert roles(given)["cold.parquet"] == "identification"
 
 
-def test_a_record_alone_shows_its_own_ocv_and_a_slow_sweep_alone_lacks_a_record(tmp_path):
+def test_a_record_alone_shows_an_ocv_and_a_slow_sweep_alone_lacks_a_record(tmp_path):
     sweep = slow_sweep(-1)
     lone = plan(BUNDLED.record)
     assert not lone.missing
@@ -152,7 +152,7 @@ def test_a_record_alone_shows_its_own_ocv_and_a_slow_sweep_alone_lacks_a_record(
     assert "measure a drive" in plan(tmp_path).missing
 
 
-def test_what_is_said_of_a_record_is_known_before_roles_are_chosen(folder):
+def test_what_is_said_of_a_record_counts_before_roles_are_chosen(folder):
     for name in ("a", "c"):
         path = folder / f"{name}.parquet"
         # Under load, far from full.
@@ -275,7 +275,7 @@ def test_a_record_that_goes_on_where_another_ends_starts_from_there(folder):
     assert by_name(found) == (windows(found), found.options)
 
 
-def test_a_record_that_takes_a_little_more_than_its_test_has_a_capacity_of_its_own(folder):
+def test_a_record_that_takes_a_little_more_than_its_test_has_another_capacity(folder):
     change(folder, "bd", pl.col(CURRENT) * 0.85)
     found = plan(folder)
     assert by_name(found) == (windows(found), found.options)
@@ -285,7 +285,7 @@ def test_a_record_that_takes_a_little_more_than_its_test_has_a_capacity_of_its_o
     assert part.window.capacity_ah == pytest.approx(moved_ah, rel=1e-3)
 
 
-def test_a_profile_has_one_window_by_folder_by_name_and_beside_a_known_cell(tmp_path, real_data):
+def test_a_profile_has_one_window_by_folder_by_name_and_beside_a_given_cell(tmp_path, real_data):
     (path,) = real_data.glob("calce*/us06_25degC_80soc*.parquet")
     (test,) = real_data.glob("calce*/ocv-incremental_25degC*.parquet")
     for each in (path, test):

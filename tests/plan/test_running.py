@@ -74,7 +74,7 @@ def test_the_command_takes_a_folder_and_stores_how_to_do_it_by_hand(
     assert written[0] == written[1]
 
 
-def test_the_sampling_that_a_design_shows_is_of_its_own_logger_alone(tmp_path):
+def test_the_sampling_that_a_design_shows_is_of_its_logger_alone(tmp_path):
     record, ocv = pulse_frame(), pulse_frame().rename({"Voltage / V": "Voltage [V]"})
     record.write_csv(tmp_path / "test.csv")
     ocv.write_csv(tmp_path / "ocv.csv")
@@ -119,7 +119,7 @@ def test_a_plan_written_and_read_is_the_same(folder, tmp_path):
     assert read.of_role("identification")[1].window.initial_soc is None
 
 
-def test_what_a_plan_names_is_found_where_it_moved_with_the_plan(tmp_path):
+def test_what_a_plan_names_is_read_where_it_moved_with_the_plan(tmp_path):
     old, new = tmp_path / "old", tmp_path / "new"
     files = [old / "cold" / "drive.csv", old / "warm" / "drive.csv", old / "slow.csv"]
     table = '[[files]]\nfile = "{}"\nrole = "identification"\n'

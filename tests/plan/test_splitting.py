@@ -34,7 +34,7 @@ def schedule(tmp_path_factory):
     return path
 
 
-def test_each_test_of_a_schedule_has_a_role_of_its_own(schedule):
+def test_each_test_of_a_schedule_has_a_separate_role(schedule):
     found = plan(schedule)
     served = {part.name: part for part in found.parts if part.role != "not used"}
     assert {name: part.role for name, part in served.items()} == {

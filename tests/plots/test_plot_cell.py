@@ -24,7 +24,7 @@ def test_the_residuals_are_point_minus_curve_in_millivolt(bundled_cell):
     np.testing.assert_allclose(drawn_mv, -1e3 * expected_v, atol=1e-9)
 
 
-def test_an_ocv_of_the_records_own_is_a_line_with_intervals_and_no_points():
+def test_an_ocv_identified_from_the_record_is_a_line_with_intervals_and_no_points():
     cell = make_cell()
     points = tuple(replace(point, row=0, rest_s=0.0) for point in cell.discharge_points)
     none = {"charge": cell.discharge, "hysteresis": SegmentedHysteresis.zero()}

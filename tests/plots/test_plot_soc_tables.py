@@ -14,7 +14,7 @@ from helpers.results import NODES, TABLE_OHM, line, make_fit
 SOCS = (0.1, 0.5, 0.9)
 
 
-def test_an_ocv_of_the_records_own_has_a_panel_too():
+def test_an_ocv_identified_from_the_record_has_a_panel_too():
     fit = make_fit()
     own = [NodeInterval(OCV, soc, 3.0 + soc, 0.01, 0.0, 2.9 + soc, 3.1 + soc) for soc in SOCS]
     axes = plot_tables(replace(fit, intervals=(*fit.intervals, *own))).axes[-1]

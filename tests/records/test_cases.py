@@ -73,7 +73,7 @@ def test_a_table_is_read_as_it_is(name):
 
 @needs_cases
 @pytest.mark.parametrize("name", CLOCKS)
-def test_a_clock_is_read_with_its_own_span_and_what_was_odd_is_said(name):
+def test_a_clock_is_read_with_its_span_and_what_was_odd_is_said(name):
     truth = truth_of(name)
     span_s = truth.get("t_last_s", 636.0) - truth.get("t_first_s", 0.0)
     record = read_record(FILES / name)

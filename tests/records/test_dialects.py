@@ -38,7 +38,7 @@ def test_a_dialect_gives_the_record_that_was_written_without_a_fault(tmp_path, w
 
 
 @pytest.mark.parametrize("dialect", DIALECTS, ids=lambda dialect: dialect.name)
-def test_a_mark_is_first_of_its_own_make(dialect):
+def test_a_mark_is_first_of_its_make(dialect):
     for mark in dialect.marks:
         assert Header(tuple(mark.split(" & "))).dialect is dialect
 
@@ -77,7 +77,7 @@ HEADERS = {
 
 
 @pytest.mark.parametrize("header", HEADERS)
-def test_names_of_other_programs_and_languages_are_known(header):
+def test_names_of_other_programs_and_languages_are_recognized(header):
     names = Header(tuple(header.split(",")))
     dialect, second, ampere = HEADERS[header]
     assert names.is_record
@@ -87,7 +87,7 @@ def test_names_of_other_programs_and_languages_are_known(header):
     assert (clock.unit.factor, found["current"].unit.factor) == (second, ampere)
 
 
-def test_two_files_joined_are_told_by_their_names(tmp_path):
+def test_two_files_joined_are_recognized_by_their_names(tmp_path):
     content = novonix_csv(TABLE)
     with pytest.raises(InputError, match=r"row 319: .*clock starts again .*split joined tests"):
         read(tmp_path, content + content)

@@ -42,7 +42,7 @@ def record():
 
 
 @pytest.mark.parametrize("copy", COPIES)
-def test_a_copy_is_told_by_its_samples_and_by_what_is_stored_of_them(record, copy):
+def test_a_copy_is_recognized_by_its_samples_and_by_what_is_stored_of_them(record, copy):
     values = COPIES[copy](record.time_s, record.current_a, record.voltage_v)
     own, other = Content(record), Content(recorded(*values))
     assert own.is_like(other)

@@ -102,7 +102,7 @@ def test_a_column_of_mean_currents_is_held_backward(tmp_path):
     assert "'<I>/mA' is the mean current" in decision.reason
 
 
-def test_steps_in_time_with_the_log_outweigh_a_cycle_on_its_own_clock(tmp_path):
+def test_steps_in_time_with_the_log_outweigh_a_cycle_on_another_clock(tmp_path):
     frame = counted("backward")
     # Inside the cycle the current switches halfway between samples, at step changes with them.
     halfway = counted("forward")
@@ -129,7 +129,7 @@ def test_counters_halfway_between_the_holds_prove_nothing(tmp_path):
     assert decided(tmp_path, frame).strength == "assumed"
 
 
-def test_a_given_hold_is_taken_and_the_proof_against_it_told(tmp_path):
+def test_a_given_hold_is_taken_and_the_proof_against_it_reported(tmp_path):
     decision = decided(tmp_path, counted("backward"), current_hold="forward")
     assert (decision.value, decision.strength) == ("forward", "given")
     assert "although" in decision.reason

@@ -70,7 +70,7 @@ def test_a_lag_is_shown_with_all_of_r0(interval_s, lag):
 
 
 @pytest.mark.parametrize("interval_s", [0.1, 1.0])
-def test_without_a_lag_none_is_found_and_the_current_is_as_logged(interval_s):
+def test_without_a_lag_none_is_shown_and_the_current_is_as_logged(interval_s):
     table = log(interval_s, 0.0)
     record = record_from_frame(table)
     assert record.voltage_lag_s == 0.0
@@ -152,7 +152,7 @@ def regressed_lag(record, parts=24):
     return ohm, np.array(lags)
 
 
-def test_a_lag_is_told_from_four_standard_errors_of_the_jackknife_on():
+def test_a_lag_is_shown_from_four_standard_errors_of_the_jackknife_on():
     shown, near = [], []
     for seed, noise_v in enumerate(np.geomspace(5e-3, 0.1, 24)):
         noise = noise_v * np.random.default_rng(100 + seed).standard_normal(1200)

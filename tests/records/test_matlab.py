@@ -190,7 +190,7 @@ def test_a_table_of_ocv_is_one(tmp_path):
 
 
 @pytest.mark.usefixtures("untried")
-def test_dates_in_days_are_told(tmp_path):
+def test_dates_in_days_are_recognized(tmp_path):
     tree = {"Time": 738_000 + TIMES / 86_400, "Current": AMPS, "Voltage": VOLTS}
     record = read(tmp_path, matlab_5(tree))
     assert "its numbers are dates, as MATLAB days" in " ".join(map(str, record.notes))

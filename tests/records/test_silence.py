@@ -53,7 +53,7 @@ def test_gaps_of_a_logger_that_writes_nothing_at_rest_are_rests(rests, resting_s
     assert abs(held_ah / record.discharged_ah[-1] - 1) > 0.2
 
 
-def test_a_logger_that_writes_nothing_at_rest_is_told():
+def test_a_logger_that_writes_nothing_at_rest_is_reported():
     time_s, current_a, voltage_v = drive()
     is_written = current_a != 0
     source = source_from_frame(table(time_s, current_a, voltage_v, is_written), "log")

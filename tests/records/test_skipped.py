@@ -50,7 +50,7 @@ def test_the_counters_are_the_charge_where_the_samples_show_nothing(whole, skipp
     )
 
 
-def test_it_is_told_and_the_file_serves_as_what_it_is(skipping):
+def test_skipped_loads_are_reported_and_the_file_serves_as_what_it_is(skipping):
     outcome = check_file(skipping)
     (told,) = (each for each in outcome.findings if each.check == "skipped")
     assert told.severity == "warning"

@@ -54,7 +54,7 @@ def kind_of(record):
 
 @pytest.mark.parametrize("step_v", [pytest.param(0.0, marks=pytest.mark.slow), 0.005])
 @pytest.mark.parametrize("rows", ["instants", "means"])
-def test_rows_of_instants_and_means_are_told_apart(rows, step_v):
+def test_rows_of_instants_and_means_are_distinguished(rows, step_v):
     told = [kind_of(record_from_frame(log(seed, rows, step_v=step_v))) for seed in range(20)]
     assert told.count(rows) >= 19
     assert "means" not in told if rows == "instants" else "instants" not in told
@@ -86,7 +86,7 @@ def calm(seed, in_time):
 
 
 @pytest.mark.parametrize("in_time", [True, False])
-def test_a_load_that_seldom_changes_between_rows_is_told_from_one_in_time(in_time):
+def test_a_load_that_seldom_changes_between_rows_is_distinguished_from_one_in_time(in_time):
     holds = [record_from_frame(calm(seed, in_time)).hold.value for seed in range(20)]
     assert holds.count("forward" if in_time else "centered") >= 19
 

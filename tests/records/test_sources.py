@@ -81,7 +81,7 @@ def test_a_name_cannot_command_a_terminal(tmp_path, name):
 
 
 @pytest.mark.parametrize("name", good_files())
-def test_a_reader_is_the_first_to_recognize_its_own_content(name):
+def test_a_reader_is_the_first_to_recognize_its_content(name):
     for content in good_files()[name]:
         reader = next(reader for reader in READERS if reader.recognizes(content))
         assert reader.name == name

@@ -273,7 +273,7 @@ GROUPED = {
 
 
 @pytest.mark.parametrize("mark", GROUPED)
-def test_thousands_are_told_from_decimals(tmp_path, mark):
+def test_thousands_are_distinguished_from_decimals(tmp_path, mark):
     one, other, voltage = GROUPED[mark]
     rows = [f"{k};{(one, other)[k % 2]};{voltage}" for k in range(20)]
     record = read(tmp_path, "\n".join(["Time / s;Current / mA;Voltage / V", *rows]))
@@ -430,7 +430,7 @@ def test_a_spectrum_among_samples_is_left_out_whatever_the_decimal_mark(tmp_path
     assert "40 rows of an impedance measurement" in " ".join(remarks(record))
 
 
-def test_a_state_that_says_no_charge_is_told(tmp_path):
+def test_a_state_that_says_no_charge_is_reported(tmp_path):
     letters = STATE.with_columns(pl.col("Zustand").str.head(1).replace({"R": "P"}))
     letters.write_csv(tmp_path / "cell.csv")
     findings = check_file(tmp_path / "cell.csv", columns="state=Zustand").findings
@@ -513,13 +513,13 @@ def test_another_table_is_called_what_it_is_in_text_and_in_a_workbook(tmp_path, 
 
 @pytest.mark.parametrize("rows", [slice(0, 1), slice(0, 3), slice(60, 61), slice(199, 200)])
 @pytest.mark.parametrize("value", [0.0, -0.0, 1e-5])
-def test_no_voltage_is_told_wherever_it_stands(tmp_path, rows, value):
+def test_a_voltage_of_nothing_is_reported_wherever_it_stands(tmp_path, rows, value):
     record = read(tmp_path, changed(FRAME, VOLTAGE, value, rows))
     (outside,) = [each for each in record.warnings if each.code == "voltage-unit.outside"]
     assert (outside.row, outside.values["samples"]) == (rows.start + 2, rows.stop - rows.start)
 
 
-def test_what_a_library_warns_of_is_told_once(tmp_path, monkeypatch, recwarn):
+def test_what_a_library_warns_of_is_reported_once(tmp_path, monkeypatch, recwarn):
     fastnda = pytest.importorskip("fastnda")
 
     def read_with_warnings(path, cycle_mode):

@@ -61,7 +61,7 @@ CELLS = {(3.7, 2): "one", (3.7, 3): "one", (355.0, 48): "several", (355.0, 300):
 
 
 @pytest.mark.parametrize(("middle_v", "series"), CELLS)
-def test_a_number_of_cells_that_makes_no_known_cell_is_told(middle_v, series):
+def test_a_number_of_cells_that_makes_no_usual_cell_is_reported(middle_v, series):
     """Up to the highest voltage of one cell, half of it is one cell or two of LTO."""
     voltage_v = middle_v - 0.02 + 0.005 * pl.col(CURRENT)
     record = record_from_frame(FRAME.with_columns(voltage_v.alias(VOLTAGE)), series=series)
@@ -137,7 +137,9 @@ SWEEP = pl.DataFrame(
         (SWEEP, 1 / 3600, "so low that all charge could pass in"),
     ],
 )
-def test_a_name_with_another_unit_than_its_values_is_told_without_counters(table, factor, words):
+def test_a_name_with_another_unit_than_its_values_is_detected_without_counters(
+    table, factor, words
+):
     table = table.with_columns(pl.col(TIME) * factor)
     try:
         said = " ".join(remarks(record_from_frame(table)))
@@ -206,7 +208,7 @@ CHARGE_A = np.where(np.arange(160) < 150, 1.0, 0.0)
 
 
 @pytest.mark.parametrize("current_a", [CHARGE_A, 5 * np.where(np.arange(160) // 20 % 2, -1, 0.5)])
-def test_exchanged_columns_are_told_and_what_is_advised_reads_them(current_a):
+def test_exchanged_columns_are_reported_and_what_is_advised_reads_them(current_a):
     voltage_v = 3.5 + SECONDS / 1e3 + 0.05 * current_a
     table = {"time [s]": SECONDS, "Current [A]": voltage_v, "Voltage [V]": current_a}
     with pytest.raises(InputError, match="they look exchanged") as caught:

@@ -168,7 +168,7 @@ def tables() -> dict[str, ReportTable]:
     }
 
 
-def test_every_case_is_told_as_in_the_golden_file():
+def test_every_case_is_worded_as_in_the_golden_file():
     lines = []
     for cases, part in (
         (RANKED, "ranking"),

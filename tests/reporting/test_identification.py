@@ -170,7 +170,7 @@ def test_a_start_that_was_fitted_has_its_line_though_it_was_adjusted():
         assert said in text
 
 
-def test_every_decision_is_told_as_firmly_as_it_was_made():
+def test_every_decision_is_worded_as_firmly_as_it_was_made():
     told = []
     for strength in ("strong", "weak", "assumed", "given"):
         sign = Decision("discharge-positive", strength, "because")

@@ -42,7 +42,7 @@ def test_a_resistance_between_pulses_far_apart_is_not_made_up():
     assert middle_facts(SimpleNamespace(pulses=far, cell_at=RESULT.cell_at)) is None
 
 
-def test_the_csv_has_every_pulse_and_leaves_empty_what_is_not_known():
+def test_the_csv_has_every_pulse_and_leaves_empty_what_was_not_measured():
     rows = list(csv.DictReader(pulses_csv(PULSES).decode().splitlines()))
     assert [float(row["SOC"]) for row in rows] == [0.8, 0.4, 0.79]
     assert rows[0]["R(10 s) [Ohm]"] == "0.07"

@@ -44,7 +44,7 @@ def test_a_pair_far_faster_than_the_sampling_is_simulated_too(bundled_record, bu
 
 
 @pytest.mark.parametrize("hold", ["forward", "backward", "centered"])
-def test_an_r0_above_what_the_steps_show_is_told_with_both(bundled_cell, hold):
+def test_an_r0_above_what_the_steps_show_is_warned_of_with_both(bundled_cell, hold):
     """Levels of a minute at 1 s: the record's answer to their steps is of the closed form."""
     time_s = np.arange(3000.0)
     current_a = np.repeat(np.random.default_rng(3).uniform(-1, 2, 50), 60)

@@ -49,7 +49,7 @@ def test_the_same_key_gives_the_same_bits_in_any_callers_precision(search, found
     assert [bits(seed) for seed in again.seeds] == [bits(seed) for seed in found.seeds]
 
 
-def test_a_seed_searches_on_its_own_and_is_the_same_among_any_number_of_seeds(search, found):
+def test_a_seed_searches_alone_and_is_the_same_among_any_number_of_seeds(search, found):
     many = search(seeds=20)
     assert len({seed.rmse_v for seed in many.seeds}) == 20
     assert [bits(seed) for seed in many.seeds[:8]] == [bits(seed) for seed in found.seeds]

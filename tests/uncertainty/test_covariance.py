@@ -49,7 +49,7 @@ def test_white_noise_needs_no_inflation(white):
     assert all(0.6 < inflation < 1.6 for inflation in inflations)
 
 
-def test_a_start_that_only_the_rest_before_the_load_depends_on_is_as_uncertain_as_told(white):
+def test_a_start_that_only_the_rest_before_the_load_depends_on_is_as_uncertain_as_given(white):
     own = white.assessment.covariance
     informed = own.linearization.informed
     assert not np.all(informed)
@@ -123,7 +123,7 @@ def test_the_noise_of_several_records_is_correlated_no_longer_than_one_of_them_l
         assert np.divide(*errors) == pytest.approx(np.sqrt(2), rel=0.1)
 
 
-def test_an_interval_spans_another_possible_value_by_its_own_relative_width(white):
+def test_an_interval_spans_another_possible_value_by_its_relative_width(white):
     uncertainty, own = white.assessment.uncertainty, white.assessment.uncertainty["R0 [Ohm]"]
     other = TRUTH.with_tables({"R0 [Ohm]": [2 * own.value]})
     assert own.excludes(2 * own.value)

@@ -48,7 +48,7 @@ def test_the_paper_s_pair_of_a_tenth_of_a_second_is_a_resistance_at_1_s(short_pr
 
 
 @pytest.mark.parametrize("bounds", [{}, WIDE], ids=["default box", "wide box"])
-def test_where_it_responds_one_sample_late_its_resistance_is_known_and_its_time_is_not(
+def test_where_it_responds_one_sample_late_its_resistance_is_determined_and_its_time_is_not(
     short_problem, bounds
 ):
     problem = made_problem(short_problem, white_noise(SEED), BMO_SO, bounds=bounds)
@@ -76,7 +76,7 @@ def test_a_pair_of_half_a_second_that_the_data_determine_is_no_finding(short_pro
 SLOW = CircuitParameters.constant(0.05, (0.02, 0.1), (10 / 0.02, 50_000))
 
 
-def test_of_a_pair_slower_than_the_record_only_the_capacitance_is_known(short_problem):
+def test_of_a_pair_slower_than_the_record_only_the_capacitance_is_determined(short_problem):
     wide = {f"R{pair} [Ohm]": (1e-4, 1e3) for pair in (1, 2)}
     wide |= {f"tau{pair} [s]": (0.5, 1e6) for pair in (1, 2)}
     problem = made_problem(short_problem, white_noise(SEED), SLOW, bounds=wide)
@@ -88,7 +88,7 @@ def test_of_a_pair_slower_than_the_record_only_the_capacitance_is_known(short_pr
     assert slow.duration_s == pytest.approx(1500.0)
 
 
-def test_of_two_pairs_with_one_time_constant_only_the_sum_is_known(short_problem):
+def test_of_two_pairs_with_one_time_constant_only_the_sum_is_determined(short_problem):
     alike = CircuitParameters.constant(0.05, (0.02, 0.03), (40 / 0.02, 40.2 / 0.03))
     noise_v = colored_noise(np.random.default_rng(4), SAMPLES, 12.0, 2e-3)[0]
     finding = findings_of(made_problem(short_problem, noise_v, alike), alike)[1]["alike"]

@@ -122,7 +122,7 @@ def test_a_fit_that_follows_much_of_every_burst_knows_its_noise_as_well_as_it_sc
         assert np.mean(np.abs(moved[:, place]) < reach) > 0.92
 
 
-def test_slow_noise_that_tables_would_follow_leaves_what_is_fast_well_known():
+def test_slow_noise_that_tables_would_follow_leaves_what_is_fast_well_determined():
     """As tables in a test of two hours: each level's mean, slope and pulses, on an even clock."""
     level = np.arange(400.0)
     own = np.stack([np.sign(np.sin(level / 6)), np.sin(level / 40), np.ones(400), level - 200], 1)

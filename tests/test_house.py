@@ -158,7 +158,7 @@ def texts_in(path: Path) -> list[str]:
     ]
 
 
-def place(path: Path) -> str:
+def label(path: Path) -> str:
     return path.relative_to(PACKAGE).as_posix()
 
 
@@ -217,7 +217,7 @@ def test_every_hook_has_its_function_and_every_call_its_hook():
     assert called == set(HOOKS)
     assert all(callable(hook(method)) for method in called)
     # No other import hides in a text; those of packages that are exported for are no module's.
-    by_name = {place(path) for path in outside("cli") if calls(path) & BY_NAME}
+    by_name = {label(path) for path in outside("cli") if calls(path) & BY_NAME}
     assert by_name == {"display.py", "export/python_modules.py"}
 
 
@@ -229,24 +229,24 @@ def test_what_knows_nothing_of_batteries_imports_nothing_of_them(unit):
 
 def test_only_the_command_line_imports_typer_and_prints():
     paths = outside("cli")
-    assert not [place(path) for path in paths if "typer" in foreign_imports(path)]
-    assert not [place(path) for path in paths if "print" in calls(path)]
+    assert not [label(path) for path in paths if "typer" in foreign_imports(path)]
+    assert not [label(path) for path in paths if "print" in calls(path)]
 
 
 def test_only_the_command_line_names_its_flags():
-    flags = [(place(path), text) for path in outside("cli") for text in texts_in(path)]
+    flags = [(label(path), text) for path in outside("cli") for text in texts_in(path)]
     named = {path for path, text in flags if re.search("(?<!-)--[a-z]", text)}
     assert named == FLAGS_OF_OTHERS
 
 
 def test_only_the_command_line_writes_files():
     written = {"write_text", "write_bytes", "mkdir", "savefig", "unlink"}
-    assert [place(path) for path in outside("cli") if calls(path) & written] == [WRITING, DATASET]
+    assert [label(path) for path in outside("cli") if calls(path) & written] == [WRITING, DATASET]
 
 
 def test_few_files_read_files():
     read = {"read_text", "read_bytes", "open"}
-    assert {place(path) for path in outside("cli") if calls(path) & read} == READING
+    assert {label(path) for path in outside("cli") if calls(path) & read} == READING
 
 
 def test_only_plots_draw():
@@ -256,12 +256,12 @@ def test_only_plots_draw():
 
 def test_no_numeric_module_flips_a_global_of_jax():
     # The command line may set up its own process; an import or a function may not.
-    texts = {place(path): path.read_text(encoding="utf-8") for path in outside("cli")}
+    texts = {label(path): path.read_text(encoding="utf-8") for path in outside("cli")}
     assert not [path for path, text in texts.items() if "jax.config.update" in text]
 
 
 def test_a_file_is_about_one_thing_and_more_than_a_function_without_a_home():
-    lines = {place(path): path.read_text(encoding="utf-8").count("\n") for path in MODULES}
+    lines = {label(path): path.read_text(encoding="utf-8").count("\n") for path in MODULES}
     assert {path: count for path, count in lines.items() if count > LONGEST} == {}
     short = {path for path, count in lines.items() if count < SHORTEST}
     assert not {path for path in short if not path.endswith("__init__.py")}

@@ -49,7 +49,7 @@ def test_each_record_has_the_window_of_its_name_or_the_common_one():
 
 
 @pytest.fixture
-def told(tmp_path):
+def notices(tmp_path):
     """What is warned of for a file of these columns, as the record to identify on."""
 
     def warnings(time_s, current_a, voltage_v, role="identification"):
@@ -60,9 +60,9 @@ def told(tmp_path):
     return warnings
 
 
-def test_a_current_without_a_sign_is_a_finding_with_the_name_of_the_file(told, bundled_record):
+def test_a_current_without_a_sign_is_a_finding_with_the_name_of_the_file(notices, bundled_record):
     measured = bundled_record
-    found = told(measured.time_s, np.abs(measured.current_a), measured.voltage_v)
+    found = notices(measured.time_s, np.abs(measured.current_a), measured.voltage_v)
     assert found
     assert {each.subject for each in found} == {"drive.csv"}
 

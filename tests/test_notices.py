@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import pytest
 
 from barnax.notices import CODES, Notice, kinds
-from test_house import MODULES, nodes_of, place, texts_in
+from test_house import MODULES, label, nodes_of, texts_in
 
 # Words of choices that any code may use.
 SHARED = tomllib.loads(CODES.read_text(encoding="utf-8"))["words"].keys()
@@ -131,5 +131,5 @@ def test_a_decision_by_a_phrase_is_detected(code):
 
 
 def test_nothing_decides_by_what_a_notice_says():
-    found = {place(path): decisions_by_words(nodes_of(path)) for path in MODULES}
+    found = {label(path): decisions_by_words(nodes_of(path)) for path in MODULES}
     assert {path: lines for path, lines in found.items() if lines} == {}

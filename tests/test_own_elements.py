@@ -52,7 +52,7 @@ CASES = [pytest.param("1rc+diffusion", series, 5e-4, marks=pytest.mark.slow), (O
 
 
 @pytest.fixture(autouse=True)
-def own_circuit(known_circuits):
+def two_pair_circuit(registered_circuits):
     """The circuit of one's own."""
     return make_circuit(OWN, "rc", TWO)
 

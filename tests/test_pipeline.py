@@ -14,7 +14,7 @@ from barnax.errors import InputError
 from barnax.model.window import Window
 from barnax.notices import Notice
 from barnax.results import Result
-from helpers import known_cell
+from helpers import made_cell
 from helpers.problems import simulated_record
 
 SHORT = Window(score_to_s=1500.0)
@@ -160,9 +160,9 @@ def test_an_open_direction_is_tried_both_ways_and_reported(cut_record):
 
 @pytest.mark.slow
 def test_a_fast_record_without_an_ocv_test_shows_its_third_pair(monkeypatch):
-    monkeypatch.setattr(known_cell, "R_OHM", (0.01, 0.02, 0.03))
-    monkeypatch.setattr(known_cell, "TAU_S", (1.5, 12.0, 100.0))
-    fast, _ = known_cell.made(hours=0.4, scale=6.0, noise_v=1e-4)
+    monkeypatch.setattr(made_cell, "R_OHM", (0.01, 0.02, 0.03))
+    monkeypatch.setattr(made_cell, "TAU_S", (1.5, 12.0, 100.0))
+    fast, _ = made_cell.made(hours=0.4, scale=6.0, noise_v=1e-4)
     found = barnax.identify(fast, seeds=0, trust="none", max_boxes=0)
     assert found.model == "3rc"
     taus_s = [found.fit.tables.constants[f"tau{pair} [s]"] for pair in (1, 2, 3)]

@@ -15,7 +15,7 @@ WINDOW = Window(initial_soc=1.0)
 
 
 @pytest.fixture(scope="session")
-def known_problem(bundled_record, bundled_cell) -> Callable[..., Problem]:
+def filtered_problem(bundled_record, bundled_cell) -> Callable[..., Problem]:
     """A problem whose voltage is that of `circuit` = (r0, (r1, ...), (tau1, ...))."""
 
     def make(circuit, model="so-rc", *, hold="forward", noise_v=0.0, **settings) -> Problem:

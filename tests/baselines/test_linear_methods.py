@@ -41,22 +41,22 @@ def values(circuit):
 @pytest.mark.parametrize("model", CIRCUITS)
 @pytest.mark.parametrize(("method", "rel"), [("ls", 1e-6), ("n4sid", 1e-5)])
 def test_least_squares_and_subspaces_find_a_circuit_without_noise_exactly(
-    method, rel, model, hold, known_problem
+    method, rel, model, hold, filtered_problem
 ):
-    answer = answer_of(method, known_problem(CIRCUITS[model], model, hold=hold))
+    answer = answer_of(method, filtered_problem(CIRCUITS[model], model, hold=hold))
     assert values_of(answer) == pytest.approx(values(CIRCUITS[model]), rel=rel)
     assert answer.rmse_v < 1e-8
 
 
 # Its first guess of zero is forgotten with e^-4 of its weight left after 4,000 samples.
 @pytest.mark.parametrize("hold", ["forward", "backward"])
-def test_recursive_least_squares_ends_at_a_circuit_without_noise(hold, known_problem):
-    answer = answer_of("rls", known_problem(TWO_PAIRS, hold=hold))
+def test_recursive_least_squares_ends_at_a_circuit_without_noise(hold, filtered_problem):
+    answer = answer_of("rls", filtered_problem(TWO_PAIRS, hold=hold))
     assert values_of(answer) == pytest.approx(values(TWO_PAIRS), rel=1e-3)
 
 
-def test_weighted_least_squares_is_a_loop_with_a_factor_a_coefficient(known_problem):
-    problem = known_problem(TWO_PAIRS, noise_v=1e-5)
+def test_weighted_least_squares_is_a_loop_with_a_factor_a_coefficient(filtered_problem):
+    problem = filtered_problem(TWO_PAIRS, noise_v=1e-5)
     samples, columns, target = regression(problem)
     factors = np.array([0.9999, 0.9999, 0.999, 0.999, 0.999])
     scale = np.sqrt(np.mean(columns**2, axis=0))
@@ -76,14 +76,14 @@ def test_weighted_least_squares_is_a_loop_with_a_factor_a_coefficient(known_prob
 
 
 # The filter starts in the middle of the box and has to let go of it.
-def test_least_squares_beside_a_filter_ends_at_a_circuit_without_noise(known_problem):
-    answer = answer_of("rls-ekf", known_problem(TWO_PAIRS))
+def test_least_squares_beside_a_filter_ends_at_a_circuit_without_noise(filtered_problem):
+    answer = answer_of("rls-ekf", filtered_problem(TWO_PAIRS))
     assert values_of(answer) == pytest.approx(values(TWO_PAIRS), rel=0.02)
 
 
 # It looks one interval ahead, where R0 and the start of a fast pair look alike.
-def test_a_dual_filter_comes_from_the_middle_of_the_box_to_the_resistance_of_now(known_problem):
-    problem = known_problem(TWO_PAIRS)
+def test_a_dual_filter_comes_from_the_middle_of_the_box_to_the_resistance_of_now(filtered_problem):
+    problem = filtered_problem(TWO_PAIRS)
     answer = answer_of("dual-ukf", problem)
     assert 0.05 < answer.parameters.r0 < 0.05 + 0.02
     middle, _ = middle_of(problem)
@@ -92,9 +92,9 @@ def test_a_dual_filter_comes_from_the_middle_of_the_box_to_the_resistance_of_now
 
 @pytest.mark.slow
 def test_a_dual_filter_keeps_the_rate_of_a_dynamic_hysteresis_in_the_middle_of_its_box(
-    known_problem,
+    filtered_problem,
 ):
-    problem = known_problem(TWO_PAIRS, "esc")
+    problem = filtered_problem(TWO_PAIRS, "esc")
     answer = answer_of("dual-ukf", problem)
     low, high = problem.bounds.ranges["gamma"]
     assert answer.parameters.gamma == pytest.approx(np.sqrt(low * high))
@@ -126,8 +126,8 @@ def test_subspaces_need_no_first_state():
     np.testing.assert_allclose(np.sort(found), [0.5, 0.9], rtol=1e-9)
 
 
-def test_least_squares_equals_the_regression_in_lagged_samples(known_problem):
-    problem = known_problem(CIRCUITS["1rc"], "1rc", noise_v=2e-4)
+def test_least_squares_equals_the_regression_in_lagged_samples(filtered_problem):
+    problem = filtered_problem(CIRCUITS["1rc"], "1rc", noise_v=2e-4)
     prepared = problem.prepared
     drop, current = prepared.source_v - prepared.voltage_v, prepared.current_a
     columns = np.stack([drop[:-1], current[1:], current[:-1]], axis=1)
@@ -136,8 +136,8 @@ def test_least_squares_equals_the_regression_in_lagged_samples(known_problem):
     assert values_of(answer_of("ls", problem)) == pytest.approx(expected, rel=1e-6)
 
 
-def test_samples_beside_a_gap_are_left_out_and_the_rest_is_exact(known_problem, bundled_cell):
-    made = known_problem(TWO_PAIRS).prepared
+def test_samples_beside_a_gap_are_left_out_and_the_rest_is_exact(filtered_problem, bundled_cell):
+    made = filtered_problem(TWO_PAIRS).prepared
     time_s = made.time_s + 60.0 * (np.arange(len(made.time_s)) > 1000)
     drop = drop_v(banded_response, time_s, made.current_a, TWO_PAIRS)
     window = Window(initial_soc=1.0)
@@ -149,8 +149,8 @@ def test_samples_beside_a_gap_are_left_out_and_the_rest_is_exact(known_problem, 
     assert answer.notes == ("fitted to the 3996 of 4000 scored samples that are evenly spaced",)
 
 
-def test_rows_need_every_interval_even_and_every_sample_scored(known_problem):
-    prepared = known_problem(TWO_PAIRS).prepared
+def test_rows_need_every_interval_even_and_every_sample_scored(filtered_problem):
+    prepared = filtered_problem(TWO_PAIRS).prepared
     scored = prepared.scored.copy()
     scored[2000:2010] = False
     time_s = prepared.time_s + 0.2 * (np.arange(len(scored)) > 1000)
@@ -161,7 +161,7 @@ def test_rows_need_every_interval_even_and_every_sample_scored(known_problem):
 
 # White noise alone has no pole between zero and one, and none that is a circuit's.
 @pytest.mark.parametrize("method", ["ls", "rls"])
-def test_a_linear_method_refuses_what_it_cannot_hold(method, known_problem):
-    held = known_problem(TWO_PAIRS, fixed={"R0 [Ohm]": 0.08})
+def test_a_linear_method_refuses_what_it_cannot_hold(method, filtered_problem):
+    held = filtered_problem(TWO_PAIRS, fixed={"R0 [Ohm]": 0.08})
     with pytest.raises(MethodFailure, match=r"cannot hold R0 \[Ohm\] = 0.08"):
         answer_of(method, held)

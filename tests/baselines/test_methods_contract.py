@@ -32,9 +32,9 @@ COMPOSED = ("igwo", "pso-lm", "dual-ukf")
         pytest.param(each, marks=[pytest.mark.slow] if each in COMPOSED else []) for each in NAMES
     ],
 )
-def ran(request, known_problem):
+def ran(request, filtered_problem):
     """A method's name, the problem, its answers, and what it told of its progress."""
-    problem = known_problem((0.05, (0.02, 0.03), (8.0, 90.0)), noise_v=1e-5)
+    problem = filtered_problem((0.05, (0.02, 0.03), (8.0, 90.0)), noise_v=1e-5)
     told = []
     return request.param, problem, METHODS[request.param].run(problem, BUDGET, told.append), told
 
@@ -51,9 +51,9 @@ def test_there_is_one_answer_a_seed_with_its_error_within_the_budget(ran):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", BOXED)
-def test_answers_lie_in_the_box(name, known_problem):
+def test_answers_lie_in_the_box(name, filtered_problem):
     bounds = {"R1 [Ohm]": (0.001, 0.01), "tau2 [s]": (20.0, 60.0)}
-    problem = known_problem((0.05, (0.02, 0.03), (8.0, 90.0)), bounds=bounds)
+    problem = filtered_problem((0.05, (0.02, 0.03), (8.0, 90.0)), bounds=bounds)
     for answer in METHODS[name].run(problem, BUDGET, lambda gained: None):
         values = answer.parameters.to_dict() | answer.parameters.named_tau_s
         for bound, (low, high) in problem.bounds.ranges.items():
@@ -61,8 +61,8 @@ def test_answers_lie_in_the_box(name, known_problem):
 
 
 @pytest.mark.parametrize("name", ["lm", pytest.param("pso-lm", marks=pytest.mark.slow), "de"])
-def test_the_same_key_gives_the_same_answers_whatever_the_number_of_seeds(name, known_problem):
-    problem = known_problem((0.05, (0.02, 0.03), (8.0, 90.0)), noise_v=1e-3)
+def test_the_same_key_gives_the_same_answers_whatever_the_number_of_seeds(name, filtered_problem):
+    problem = filtered_problem((0.05, (0.02, 0.03), (8.0, 90.0)), noise_v=1e-3)
     few, many = (
         METHODS[name].run(problem, replace(BUDGET, seeds=seeds), lambda gained: None)
         for seeds in (2, 3)
@@ -70,9 +70,9 @@ def test_the_same_key_gives_the_same_answers_whatever_the_number_of_seeds(name, 
     assert [each.parameters for each in few] == [each.parameters for each in many[:2]]
 
 
-def test_the_compressed_objective_gives_the_scans_errors(known_problem):
+def test_the_compressed_objective_gives_the_scans_errors(filtered_problem):
     circuit = (0.05, (0.02, 0.03), (8.0, 90.0))
-    problem = known_problem(circuit, noise_v=1e-3, objective="compressed")
+    problem = filtered_problem(circuit, noise_v=1e-3, objective="compressed")
     for name in ("de", "lm", "pso"):
         (answer,) = METHODS[name].run(problem, replace(BUDGET, seeds=1), lambda gained: None)
         rmse_v = evaluate(problem.prepared, answer.parameters).metrics.rmse_v
@@ -87,8 +87,8 @@ def test_starts_are_spread_over_the_logarithms_of_the_box(short_problem):
 
 
 @pytest.mark.parametrize("name", ["n4sid", "varpro"])
-def test_what_needs_a_record_compressed_refuses_a_box_too_wide_for_it(name, known_problem):
-    problem = known_problem((0.05, (0.02,), (8.0,)), "1rc", bounds={"tau1 [s]": (1e-6, 1e9)})
+def test_what_needs_a_record_compressed_refuses_a_box_too_wide_for_it(name, filtered_problem):
+    problem = filtered_problem((0.05, (0.02,), (8.0,)), "1rc", bounds={"tau1 [s]": (1e-6, 1e9)})
     assert not problem.is_compressible
     with pytest.raises(MethodFailure, match="too wide for it; narrow the bounds"):
         METHODS[name].run(problem, Budget(), lambda gained: None)

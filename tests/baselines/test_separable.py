@@ -19,8 +19,8 @@ def varpro(problem):
     return answer
 
 
-def test_it_meets_scipys_optimum_of_the_whole_problem(known_problem):
-    problem = known_problem(NOISY, noise_v=2e-3)
+def test_it_meets_scipys_optimum_of_the_whole_problem(filtered_problem):
+    problem = filtered_problem(NOISY, noise_v=2e-3)
     prepared, ranges = problem.prepared, problem.bounds.ranges
     names = ("R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]", "tau1 [s]", "tau2 [s]")
     lower, upper = np.transpose([ranges[name] for name in names])
@@ -59,8 +59,8 @@ def test_it_finds_the_rate_of_a_dynamic_hysteresis(short_problem, bundled_record
         ({}, {"tau1 [s]": 5.0, "R2 [Ohm]": 0.02}),
     ],
 )
-def test_bounds_and_fixed_values_hold_exactly(bounds, fixed, known_problem):
-    problem = known_problem(NOISY, noise_v=1e-3, bounds=bounds, fixed=fixed)
+def test_bounds_and_fixed_values_hold_exactly(bounds, fixed, filtered_problem):
+    problem = filtered_problem(NOISY, noise_v=1e-3, bounds=bounds, fixed=fixed)
     answer = varpro(problem)
     values = answer.parameters.to_dict() | answer.parameters.named_tau_s
     for name, (low, high) in problem.bounds.ranges.items():

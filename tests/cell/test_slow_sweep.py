@@ -84,12 +84,12 @@ def test_a_record_of_few_samples_gives_a_point_a_sample(hold):
 
 @pytest.mark.parametrize("size", [0.01, 100.0])
 def test_a_slow_sweep_takes_ten_hours_or_more_whatever_the_cell(size):
-    def found(hours):
+    def sweeps_in(hours):
         current_a = np.full(hours * 60, size * CAPACITY_AH / hours)
         record = record_of(current_a, capacity_ah=size * CAPACITY_AH)
         return slow_sweeps(record)
 
-    assert (len(found(10)), len(found(9))) == (1, 0)
+    assert (len(sweeps_in(10)), len(sweeps_in(9))) == (1, 0)
 
 
 @pytest.mark.parametrize("hold", ["forward", "backward"])

@@ -10,7 +10,7 @@ import pytest
 from barnax.cli.files import bdf_files
 from barnax.records import read_record
 from helpers.dialects import WRITERS, maccor_text, pulse_table
-from helpers.known_cell import made
+from helpers.made_cell import made
 from helpers.records import CURRENT, VOLTAGE, logged
 
 

@@ -54,7 +54,7 @@ def factors_in(out):
 
 
 @pytest.fixture(params=["folder", "store"])
-def place(request, tmp_path):
+def dataset_at(request, tmp_path):
     """What gives a new place for a dataset: in a folder, or in a bucket of a server."""
     if request.param == "folder":
         return lambda name: tmp_path / name
@@ -97,10 +97,10 @@ def require_the_same(out, alone):
     assert factors_in(out) == alone[1]
 
 
-def test_twenty_kills_lose_nothing(many, alone, place):
+def test_twenty_kills_lose_nothing(many, alone, dataset_at):
     draw = random.Random(0)
     killed = {"worker": 0, "command": 0}
-    fleets, out = 1, place("1")
+    fleets, out = 1, dataset_at("1")
     while min(killed.values()) < KILLS:
         running = command(many, out)
         wait_for_cells(running, out, draw)
@@ -113,7 +113,7 @@ def test_twenty_kills_lose_nothing(many, alone, place):
         if running.wait() == 0:
             require_the_same(out, alone)
             fleets += 1
-            out = place(str(fleets))
+            out = dataset_at(str(fleets))
             continue
         killed["command"] += 1
     assert command(many, out).wait() == 0
@@ -163,10 +163,10 @@ def test_dask_gives_the_same_rows(many, alone, tmp_path, is_started_here):
 
 
 def test_kills_of_a_scheduler_its_workers_and_the_command_lose_nothing(
-    many, alone, place, tmp_path
+    many, alone, dataset_at, tmp_path
 ):
     draw = random.Random(1)
-    fleets, out = 1, place("1")
+    fleets, out = 1, dataset_at("1")
     for number in range(3 * KILLS):
         with Cluster(tmp_path, number) as cluster:
             running = command(many, out, "--scheduler", cluster.address)
@@ -189,7 +189,7 @@ def test_kills_of_a_scheduler_its_workers_and_the_command_lose_nothing(
             if running.wait() == 0:
                 require_the_same(out, alone)
                 fleets += 1
-                out = place(str(fleets))
+                out = dataset_at(str(fleets))
     with Cluster(tmp_path, 3 * KILLS) as cluster:
         assert command(many, out, "--scheduler", cluster.address).wait() == 0
     require_the_same(out, alone)

@@ -18,7 +18,7 @@ from barnax.fleet.manifest import FleetCell
 from barnax.fleet.rows import identify_rows
 from barnax.model.prepared import Window, prepare_record
 from barnax.over_soc.record_factors import CONSTANT, Grid, factors_of
-from helpers.known_cell import made
+from helpers.made_cell import made
 
 
 @pytest.fixture(autouse=True)

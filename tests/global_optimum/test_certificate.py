@@ -70,7 +70,7 @@ def lowest_on_grid(reduced):
     return lowest, float(np.sqrt(reduced.least_v2(np.array([lowest]).T)[0]))
 
 
-def random_places(reduced, count, seed):
+def random_scales(reduced, count, seed):
     """Places in the box, half of them near the lowest point of a grid."""
     rng = np.random.default_rng(seed)
     low, high = np.array([[axis.low, axis.high] for axis in reduced.axes]).T
@@ -169,7 +169,7 @@ def test_no_circuit_beats_the_bound(bundled_cell, seed, noise_v, max_boxes, chan
     lowest_v = lowest_on_grid(reduced)[1]
     proof = proved(reduced, lowest_v, max_boxes)
     bound_v = proof.lower_bound_v
-    for place in random_places(reduced, 15, seed):
+    for place in random_scales(reduced, 15, seed):
         assert least_error(reduced, place) >= bound_v
     if max_boxes == MANY:
         assert proof.boxes < MANY

@@ -58,7 +58,7 @@ def test_the_optimum_is_certified_and_no_seed_is_better(short_problem, short_opt
     ],
 )
 def test_scipys_many_starts_find_the_optimum_that_seeds_and_grid_find(
-    problem_of, found, circuit, r0_ohm
+    problem_of, searched, circuit, r0_ohm
 ):
     problem = problem_of(circuit, bounds={} if r0_ohm is None else {"R0 [Ohm]": r0_ohm})
     prepared = problem.prepared
@@ -73,7 +73,7 @@ def test_scipys_many_starts_find_the_optimum_that_seeds_and_grid_find(
         starts=8,
     )
     optimum = find_global_optimum(problem)
-    refined = refine(search_seeds(problem, found.optimizer, key=jax.random.key(0), seeds=8))
+    refined = refine(search_seeds(problem, searched.optimizer, key=jax.random.key(0), seeds=8))
     assert_certified(optimum, problem)
     for answer in (optimum, refined):
         assert answer.rmse_v == pytest.approx(rmse_v, rel=1e-6)

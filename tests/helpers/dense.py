@@ -8,7 +8,7 @@ from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
 from barnax.over_soc.settings import TableSettings
 from barnax.uncertainty.noise import fit_noise
-from helpers.known_cell import cell_with_ocv, ocv_v
+from helpers.made_cell import cell_with_ocv, ocv_v
 from helpers.problems import drive_a
 from helpers.reference import banded_response, drop_v, make_record
 

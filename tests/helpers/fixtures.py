@@ -35,7 +35,7 @@ def pytest_configure() -> None:
 
 
 @pytest.fixture(autouse=True)
-def known_circuits() -> Iterator[None]:
+def registered_circuits() -> Iterator[None]:
     """A circuit or an element that a test or a page makes is known there only."""
     registries: tuple[dict[str, Any], ...] = CIRCUITS, ELEMENTS
     before = [dict(registry) for registry in registries]
@@ -72,7 +72,7 @@ def short_problem(bundled_record: Record, bundled_cell: CellModel) -> Problem:
 
 
 @pytest.fixture(scope="session")
-def found(short_problem: Problem) -> Search:
+def searched(short_problem: Problem) -> Search:
     """Eight short searches on the short problem."""
     return search_seeds(
         short_problem, make_optimizer("ibmo", 12, 40), key=jax.random.key(0), seeds=8
@@ -80,6 +80,6 @@ def found(short_problem: Problem) -> Search:
 
 
 @pytest.fixture(scope="session")
-def refinement(found: Search) -> Refinement:
+def refinement(searched: Search) -> Refinement:
     """The cross-check of `found`."""
-    return refine(found)
+    return refine(searched)

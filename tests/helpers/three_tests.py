@@ -3,7 +3,7 @@
 import numpy as np
 import polars as pl
 
-from helpers.known_cell import ocv_v
+from helpers.made_cell import ocv_v
 from helpers.reference import banded_response, drop_v
 
 CAPACITY_AH = 2.5

@@ -32,7 +32,7 @@ def rows_of(sizes_v, seed=0):
     return pl.DataFrame(rows, infer_schema_length=None)
 
 
-def told(rows):
+def capacities(rows):
     """Values and ends of the capacity, NaN where it is not determined."""
     found = with_pooled_shapes(rows, "cell", "age", (CAPACITY,))
     return np.array([found[f"aged {CAPACITY}{end}"].fill_null(np.nan) for end in ENDS])
@@ -43,10 +43,10 @@ def test_cells_that_keep_their_shape_tell_together_what_one_record_does_not():
         rows, nothing = rows_of([0.0] * 8, seed), [float("nan")] * len(SHAPES_V)
         # Rows without evidence stay as they are.
         evidence = [nothing, None, *rows[EVIDENCE].to_list()[2:]]
-        _, low, high = told(rows.with_columns(pl.Series(EVIDENCE, evidence)))
+        _, low, high = capacities(rows.with_columns(pl.Series(EVIDENCE, evidence)))
         assert np.isnan(low[:2]).all()
         low, high = low[2:], high[2:]
-        _, alone_low, alone_high = told(rows_of([0.0], seed)[:1])
+        _, alone_low, alone_high = capacities(rows_of([0.0], seed)[:1])
         assert np.median(high - low) / 2 < 0.005 * 2.0
         assert not alone_high[0] - alone_low[0] < 3 * np.median(high - low)
 
@@ -57,7 +57,7 @@ def test_the_last_ages_of_one_growing_walk_a_cell_are_within_their_intervals():
     for sizes_v in ([0.012] * 10, [0.02] * 10, [0.0] * 8 + [0.03, 0.04]):
         held = []
         for seed in range(30):
-            _, low, high = told(rows_of(sizes_v, seed))
+            _, low, high = capacities(rows_of(sizes_v, seed))
             own = np.repeat(np.array(sizes_v) > 0, AGES) & np.tile(late, len(sizes_v))
             own &= np.isfinite(low)
             held += [*((low[own] <= 2.0) & (high[own] >= 2.0))]
@@ -67,7 +67,7 @@ def test_the_last_ages_of_one_growing_walk_a_cell_are_within_their_intervals():
 
 def test_a_cell_whose_shape_changes_does_not_widen_the_others():
     sizes_v = [0.0] * 8 + [0.03, 0.04]
-    fleets = np.stack([told(rows_of(sizes_v, seed)) for seed in range(6)])
+    fleets = np.stack([capacities(rows_of(sizes_v, seed)) for seed in range(6)])
     reach = ((fleets[:, 2] - fleets[:, 1]) / 2).reshape(-1, len(sizes_v), AGES)
     assert np.nanmedian(reach[:, :8]) < 0.005 * 2.0
     assert np.nanmedian(reach[:, 8:, -2:]) > 0.015 * 2.0
@@ -75,8 +75,8 @@ def test_a_cell_whose_shape_changes_does_not_widen_the_others():
 
 def test_rows_of_one_cell_do_not_vote_for_each_other():
     rows = rows_of([0.0])
-    every = np.ptp(told(rows)[1:], axis=0)
-    alone = [np.ptp(told(rows[[place]])[1:], axis=0)[0] for place in range(AGES)]
+    every = np.ptp(capacities(rows)[1:], axis=0)
+    alone = [np.ptp(capacities(rows[[place]])[1:], axis=0)[0] for place in range(AGES)]
     np.testing.assert_allclose(every, alone)
 
 
@@ -84,14 +84,14 @@ def test_cells_far_from_an_age_have_no_vote_there():
     late = rows_of([0.0])[-1:]
     new = rows_of([0.0] * 8, seed=1).filter(pl.col("age") < 2)
     new = new.with_columns(cell=pl.concat_str(pl.lit("N"), "cell"))
-    alone, beside = told(late), told(pl.concat([new, late]))
+    alone, beside = capacities(late), capacities(pl.concat([new, late]))
     np.testing.assert_allclose(beside[:, -1], alone[:, 0])
 
 
 def test_one_record_that_differs_from_its_cell_s_others_keeps_a_wide_interval():
     one = rows_of([0.0] * 8)
     other = rows_of([0.06], seed=3)[-1:].with_columns(cell=pl.lit("C7"))
-    _, low, high = told(pl.concat([one[:-1], other]))
+    _, low, high = capacities(pl.concat([one[:-1], other]))
     assert not high[-1] - low[-1] < 5 * np.median(high[:-1] - low[:-1])
 
 

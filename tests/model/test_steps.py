@@ -5,7 +5,7 @@ import pytest
 
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window
-from helpers.known_cell import cell_with_ocv, ocv_v
+from helpers.made_cell import cell_with_ocv, ocv_v
 from helpers.reference import filtered_response, make_record
 
 R0_OHM, R_OHM, TAU_S = 0.1, (0.01, 0.015, 0.02), (4.0, 60.0, 700.0)

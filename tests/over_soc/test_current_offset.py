@@ -19,7 +19,7 @@ from helpers.dense import (
     made_record,
     prepared_of,
 )
-from helpers.known_cell import ocv_v
+from helpers.made_cell import ocv_v
 
 OCV_NODES = (0.5, 0.6, 0.7, 0.8, 0.9)
 

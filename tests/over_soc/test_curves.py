@@ -9,8 +9,8 @@ from barnax.model.window import Window
 from barnax.over_soc.node_interval import TableCurve, sag_of
 from barnax.over_soc.settings import TableSettings
 from barnax.settings import NODES
-from helpers.known_cell import R0_OHM, made, ocv_v
-from helpers.own_ocv import fit_with_ocv
+from helpers.fitted_ocv import fit_with_ocv
+from helpers.made_cell import R0_OHM, made, ocv_v
 
 INSIDE = np.array([node for node in NODES if 0 <= node <= 1])
 

@@ -17,7 +17,7 @@ from barnax.model.window import Window
 from barnax.over_soc.intervals import intervals_of
 from barnax.over_soc.problem import reduced_objective
 from barnax.over_soc.settings import TableSettings
-from helpers.known_cell import FEW_NODES, R0_OHM, SMALL, TAU_S, cell_with_ocv, made, ocv_v
+from helpers.made_cell import FEW_NODES, R0_OHM, SMALL, TAU_S, cell_with_ocv, made, ocv_v
 
 BETA, REFERENCE_DEGC = 0.06, 10.0
 

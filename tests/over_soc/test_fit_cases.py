@@ -13,7 +13,7 @@ from barnax.over_soc.fit import _bound_warning
 from barnax.over_soc.intervals import _held_level
 from barnax.over_soc.settings import TableSettings
 from barnax.search.answers import AtBound
-from helpers.known_cell import SMALL
+from helpers.made_cell import SMALL
 from helpers.shared import CASES, SHARED, needs_cases, needs_data
 
 CELLS = CASES / "cells"

@@ -20,8 +20,8 @@ from barnax.over_soc.settings import TableSettings
 from barnax.records import read_record
 from barnax.records.log import in_means
 from barnax.settings import NODES
-from helpers.known_cell import FEW_NODES, R0_OHM, R_OHM, SMALL, TAU_S, cell_with_ocv, made, ocv_v
-from helpers.own_ocv import fit_with_ocv
+from helpers.fitted_ocv import fit_with_ocv
+from helpers.made_cell import FEW_NODES, R0_OHM, R_OHM, SMALL, TAU_S, cell_with_ocv, made, ocv_v
 from helpers.reference import filtered_response, make_record
 
 GIVEN = {"tau1 [s]": 10.0, "tau2 [s]": 100.0}
@@ -47,14 +47,14 @@ def test_given_time_constants_give_the_accepted_errors(real_data):
 
 
 @pytest.fixture(scope="module")
-def known():
+def simulated():
     record, soc = made()
     settings = replace(QUICK, max_boxes=TableSettings.max_boxes)
     return record, soc, fit_with_ocv([record], "so-rc", {record.name: FROM_FULL}, settings)
 
 
-def test_ocv_and_circuit_of_a_simulated_cell_are_proved_and_within_their_intervals(known):
-    _, soc, own = known
+def test_ocv_and_circuit_of_a_simulated_cell_are_proved_and_within_their_intervals(simulated):
+    _, soc, own = simulated
     assert own.fit.status == "certified"
     assert own.fit.tables.tau_s == pytest.approx(TAU_S, rel=0.05)
     inside = np.linspace(max(0.1, soc.min()), 0.9, 50)
@@ -102,8 +102,8 @@ def test_resistances_of_a_pair_that_ends_at_the_slowest_are_not_determined():
     assert any(node.low is not None for node in own.fit.of_table("R1 [Ohm]"))
 
 
-def test_capacity_only_names_the_axis(known):
-    record, _, own = known
+def test_capacity_only_names_the_axis(simulated):
+    record, _, own = simulated
     spanned = fit_with_ocv([record], "so-rc", {record.name: Window()}, QUICK)
     span_ah = np.ptp(record.discharged_ah)
     assert spanned.cell.capacity_ah == pytest.approx(span_ah)
@@ -339,8 +339,8 @@ def with_a_test(record, wrong):
     return barnax.identify([record], ocv=test, window=FROM_FULL, **given)
 
 
-def test_what_an_ocv_test_is_worth_is_reported_and_a_wrong_one_is_warned_of(known):
-    record, visited, _ = known
+def test_what_an_ocv_test_is_worth_is_reported_and_a_wrong_one_is_warned_of(simulated):
+    record, visited, _ = simulated
     soc = np.linspace(max(visited.min(), 0.1), 0.9, 81)
     right, bad = (with_a_test(record, wrong) for wrong in (0.0, 0.1))
     for result, wrong in ((right, 0.0), (bad, 0.1)):

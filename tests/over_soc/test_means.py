@@ -25,7 +25,7 @@ from helpers.dense import (
     prepared_of,
     reaches_of,
 )
-from helpers.known_cell import cell_with_ocv, ocv_v
+from helpers.made_cell import cell_with_ocv, ocv_v
 from helpers.problems import drive_a
 from helpers.reference import banded_response, drop_v, make_record
 

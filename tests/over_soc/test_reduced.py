@@ -43,7 +43,7 @@ def whole(objective, place):
     return matrix, target, steps
 
 
-def objective_and_place(prepared, **changes):
+def objective_and_scales(prepared, **changes):
     """What all three kinds of hysteresis are tested at."""
     place, settings = np.log([10.0, 100.0, 40.0]), replace(SMALL, **changes)
     if prepared.circuit == "esc":
@@ -68,7 +68,7 @@ def falling(prepared):
 )
 def test_scipy_finds_the_same_tables_on_all_samples(name, amplitude, request):
     prepared = request.getfixturevalue(name)
-    objective, place = objective_and_place(prepared, half_hysteresis=amplitude)
+    objective, place = objective_and_scales(prepared, half_hysteresis=amplitude)
     found = objective.solve(place, exact=True)
     matrix, target, steps = whole(objective, place)
     other = lsq_linear(matrix @ steps, -target, objective.box, method="bvls", tol=1e-14)
@@ -127,7 +127,7 @@ def test_many_blocks_are_one_scan_over_all_samples(name, request, monkeypatch):
     assert 4 * 512 < len(prepared.soc) < preparing.BLOCK
     for module in (preparing, reduced, reference):
         monkeypatch.setattr(module, "BLOCK", 512)
-    objective, place = objective_and_place(prepared)
+    objective, place = objective_and_scales(prepared)
     found = objective.solve(place, exact=True)
     tables = objective.tables_at(found)
     simulated_v = simulate_circuit(prepared, tables)

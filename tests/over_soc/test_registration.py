@@ -21,7 +21,7 @@ from barnax.pipeline import _between_ends
 from barnax.records import read_record
 from barnax.run_setup import register_all
 from benchmarks import operation
-from helpers.known_cell import FEW_NODES, R0_OHM, R_OHM, SMALL, TAU_S, cell_with_ocv, made, ocv_v
+from helpers.made_cell import FEW_NODES, R0_OHM, R_OHM, SMALL, TAU_S, cell_with_ocv, made, ocv_v
 from helpers.problems import drive_a, simulated_record
 from helpers.reference import drop_v, filtered_response, make_record
 

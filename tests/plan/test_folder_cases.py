@@ -11,7 +11,7 @@ from barnax.errors import InputError
 from barnax.plan import plan
 from barnax.pulses import first_pulse
 from barnax.records import read_record
-from helpers.known_cell import FEW_NODES, SMALL
+from helpers.made_cell import FEW_NODES, SMALL
 from helpers.shared import CASES, needs_cases
 from helpers.three_tests import (
     CAPACITY_AH,

@@ -7,7 +7,7 @@ import pytest
 from barnax.bundled import BUNDLED, bundled_file
 from barnax.plan import plan
 from barnax.records import read_record
-from helpers.known_cell import made
+from helpers.made_cell import made
 from helpers.records import CURRENT, TIME, VOLTAGE
 
 

@@ -43,7 +43,7 @@ DEGC = (0.0, 20.0, 40.0)
 
 
 @pytest.fixture(scope="module")
-def found() -> TableFits:
+def fits() -> TableFits:
     fit = make_fit()
     fits = []
     for factor in (2.0, 1.0, 0.5):
@@ -53,8 +53,8 @@ def found() -> TableFits:
     return TableFits(tuple(fits), OverTemperature(DEGC, 1e-3, 1e-3, 1e-3, (), ()))
 
 
-def test_between_temperatures_stands_what_is_interpolated(found):
-    figure = plot_over_temperature(found)
+def test_between_temperatures_stands_what_is_interpolated(fits):
+    figure = plot_over_temperature(fits)
     # A zero has no logarithm.
     assert ["log" in axes.get_ylabel() for axes in figure.axes] == [True, False, True]
     place = int(np.argmin(np.abs(np.array(NODES) - 0.5)))
@@ -67,4 +67,4 @@ def test_between_temperatures_stands_what_is_interpolated(found):
     kelvin = 1 / (0.75 / 273.15 + 0.25 / 293.15)
     there = np.interp(kelvin - 273.15, course.get_xdata(), course.get_ydata())
     assert there == pytest.approx(ends[0] / 2**0.25, rel=1e-3)
-    assert found.at(18.0) == found.fits[1].tables
+    assert fits.at(18.0) == fits.fits[1].tables

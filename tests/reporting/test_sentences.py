@@ -46,14 +46,14 @@ def optima() -> list[str]:
     ]
 
 
-def known(name: str, value: float, low: float, high: float) -> Estimate:
+def estimate(name: str, value: float, low: float, high: float) -> Estimate:
     return Estimate(name, value, None, 0.1, 0.02, 20.0, low, high)
 
 
-R0, R1 = known("R0 [Ohm]", 0.05, 0.049, 0.051), known("R1 [Ohm]", 0.0149, 0.004, 0.06)
-TAU1, TAU2 = known("tau1 [s]", 0.43, 0.05, 3.0), known("tau2 [s]", 25_000, 4000, 156_000)
-R2, C2 = known("R2 [Ohm]", 0.1, 0.03, 0.3), known("C2 [F]", 2120, 1900, 2400)
-SUM = known("R0 + R1 [Ohm]", 0.0649, 0.0640, 0.0658)
+R0, R1 = estimate("R0 [Ohm]", 0.05, 0.049, 0.051), estimate("R1 [Ohm]", 0.0149, 0.004, 0.06)
+TAU1, TAU2 = estimate("tau1 [s]", 0.43, 0.05, 3.0), estimate("tau2 [s]", 25_000, 4000, 156_000)
+R2, C2 = estimate("R2 [Ohm]", 0.1, 0.03, 0.3), estimate("C2 [F]", 2120, 1900, 2400)
+SUM = estimate("R0 + R1 [Ohm]", 0.0649, 0.0640, 0.0658)
 
 
 def findings() -> list[str]:

@@ -18,8 +18,8 @@ def refined_at(rmse_v, circuit=CIRCUIT):
     return RefinedSeed(rmse_v, circuit, 0.0, True)
 
 
-def test_no_seed_is_made_worse(found, refinement):
-    for before, after in zip(found.seeds, refinement.seeds, strict=True):
+def test_no_seed_is_made_worse(searched, refinement):
+    for before, after in zip(searched.seeds, refinement.seeds, strict=True):
         assert after.rmse_v <= before.rmse_v * (1 + 1e-12)
         assert refinement.rmse_v <= after.rmse_v * (1 + 1e-12)
 
@@ -44,17 +44,17 @@ def test_the_best_optimum_comes_first_with_its_faster_pair_first_and_touches_no_
     assert refinement.at_bound == ()
 
 
-def test_a_seed_is_refined_the_same_among_any_number_of_seeds(found, refinement):
-    fewer = refine(replace(found, seeds=found.seeds[:3]))
+def test_a_seed_is_refined_the_same_among_any_number_of_seeds(searched, refinement):
+    fewer = refine(replace(searched, seeds=searched.seeds[:3]))
     assert fewer.seeds == refinement.seeds[:3]
 
 
 @pytest.mark.parametrize("is_double", [False, True])
 def test_a_search_is_refined_to_the_same_bits_in_any_callers_precision(
-    found, refinement, is_double
+    searched, refinement, is_double
 ):
     with jax.enable_x64(is_double):
-        again = refine(found)
+        again = refine(searched)
         assert jax.config.jax_enable_x64 is is_double
     assert again.seeds == refinement.seeds
     assert (again.optima, again.at_bound) == (refinement.optima, refinement.at_bound)
@@ -63,11 +63,11 @@ def test_a_search_is_refined_to_the_same_bits_in_any_callers_precision(
 
 @pytest.mark.parametrize(("factors", "end"), [((0.5, 0.95), "upper"), ((1.05, 2.0), "lower")])
 def test_a_box_that_excludes_the_optimum_is_reported(
-    short_problem, found, refinement, factors, end
+    short_problem, searched, refinement, factors, end
 ):
     low, high = (factor * refinement.parameters.r0 for factor in factors)
     problem = other_problem(short_problem, "iso-rc", bounds={"R0 [Ohm]": (low, high)})
-    narrow = refine(search_seeds(problem, found.optimizer, key=jax.random.key(0), seeds=8))
+    narrow = refine(search_seeds(problem, searched.optimizer, key=jax.random.key(0), seeds=8))
     assert AtBound("R0 [Ohm]", end) in narrow.at_bound
     assert narrow.parameters.r0 == pytest.approx(high if end == "upper" else low, rel=1e-2)
     assert low * (1 - 1e-12) <= narrow.parameters.r0 <= high * (1 + 1e-12)

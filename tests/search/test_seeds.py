@@ -30,59 +30,59 @@ def bits(answer):
 
 
 @pytest.fixture(scope="module")
-def search(short_problem, found):
+def search(short_problem, searched):
     """Searches on the short problem, with the optimizer of `found` and its compiled program."""
 
     def run(key=0, seeds=8, problem=short_problem, **options):
         return search_seeds(
-            problem, found.optimizer, key=jax.random.key(key), seeds=seeds, **options
+            problem, searched.optimizer, key=jax.random.key(key), seeds=seeds, **options
         )
 
     return run
 
 
 @pytest.mark.parametrize("is_double", [False, True])
-def test_the_same_key_gives_the_same_bits_in_any_callers_precision(search, found, is_double):
+def test_the_same_key_gives_the_same_bits_in_any_callers_precision(search, searched, is_double):
     with jax.enable_x64(is_double):
         again = search()
         assert jax.config.jax_enable_x64 is is_double
-    assert [bits(seed) for seed in again.seeds] == [bits(seed) for seed in found.seeds]
+    assert [bits(seed) for seed in again.seeds] == [bits(seed) for seed in searched.seeds]
 
 
-def test_a_seed_searches_alone_and_is_the_same_among_any_number_of_seeds(search, found):
+def test_a_seed_searches_alone_and_is_the_same_among_any_number_of_seeds(search, searched):
     many = search(seeds=20)
     assert len({seed.rmse_v for seed in many.seeds}) == 20
-    assert [bits(seed) for seed in many.seeds[:8]] == [bits(seed) for seed in found.seeds]
-    assert bits(search(seeds=3).seeds[2]) == bits(found.seeds[2])
+    assert [bits(seed) for seed in many.seeds[:8]] == [bits(seed) for seed in searched.seeds]
+    assert bits(search(seeds=3).seeds[2]) == bits(searched.seeds[2])
     assert bits(search(seeds=13).seeds[12]) == bits(many.seeds[12])
 
 
-def test_every_evaluation_is_counted(found):
-    assert found.best.rmse_v == min(seed.rmse_v for seed in found.seeds)
+def test_every_evaluation_is_counted(searched):
+    assert searched.best.rmse_v == min(seed.rmse_v for seed in searched.seeds)
     # The first population and one of each generation, 12 candidates each.
-    assert [seed.evaluations for seed in found.seeds] == [12 * (40 + 1)] * 8
-    assert found.evaluations == 8 * 12 * 41
-    assert [seed.failures for seed in found.seeds] == [0] * 8
+    assert [seed.evaluations for seed in searched.seeds] == [12 * (40 + 1)] * 8
+    assert searched.evaluations == 8 * 12 * 41
+    assert [seed.failures for seed in searched.seeds] == [0] * 8
 
 
-def test_many_blocks_finish_in_the_order_of_the_seeds_and_progress_sums_to_them(search, found):
+def test_many_blocks_finish_in_the_order_of_the_seeds_and_progress_sums_to_them(search, searched):
     # More blocks than cores, so that some wait while others run.
     steps = []
     many = search(seeds=80, progress=steps.append)
     assert len(many.seeds) == sum(steps) == 80
-    assert [bits(seed) for seed in many.seeds[:8]] == [bits(seed) for seed in found.seeds]
+    assert [bits(seed) for seed in many.seeds[:8]] == [bits(seed) for seed in searched.seeds]
 
 
 # Known circuits found again
 
 
 @pytest.fixture(scope="module")
-def checked_on(short_problem, found):
+def checked_on(short_problem, searched):
     """Search and refinement on the bundled current with another voltage."""
 
     def run(circuit, voltage_v):
         problem = other_problem(short_problem, circuit, voltage_v)
-        return refine(search_seeds(problem, found.optimizer, key=jax.random.key(0), seeds=8))
+        return refine(search_seeds(problem, searched.optimizer, key=jax.random.key(0), seeds=8))
 
     return run
 

@@ -16,7 +16,7 @@ from barnax.over_soc.problem import coarsened, find_best, reduced_objective
 from barnax.over_soc.settings import TableSettings
 from barnax.select.choose import Bench, Fitted, choose
 from barnax.select.family import NODE_LADDER, RICHER, Point, Subfamily, limits_of
-from helpers.known_cell import cell_with_ocv, ocv_v
+from helpers.made_cell import cell_with_ocv, ocv_v
 from helpers.reference import make_record
 
 CAPACITY_AH = 2.0

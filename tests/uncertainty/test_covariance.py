@@ -17,7 +17,7 @@ from barnax.model.window import Window
 from barnax.search.evaluate import hysteresis_state, nuisance_columns
 from barnax.uncertainty import assess
 from barnax.uncertainty.covariance import Covariance
-from helpers.known_cell import cell_with_ocv, ocv_v
+from helpers.made_cell import cell_with_ocv, ocv_v
 from helpers.noisy_fits import SAMPLES, TRUTH, fit, made_problem, white_noise
 from helpers.problems import drive_a
 from helpers.records import CURRENT, TIME, VOLTAGE, simulated_cell

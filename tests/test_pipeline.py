@@ -126,7 +126,7 @@ def test_a_figure_is_drawn_by_its_name_and_a_stored_result_says_it_has_no_run(fe
 def test_a_notebook_shows_names_as_names(few):
     assert "Best possible" in few._repr_html_()
     hostile = few.inputs[0].model_copy(update={"name": "<script>alert(1)</script>.csv"})
-    identified = few.metrics.identification.model_copy(update={"record": hostile.name})
+    identified = replace(few.metrics.identification, record=hostile.name)
     metrics = few.metrics.model_copy(update={"identification": identified})
     shown = few.model_copy(update={"inputs": (hostile, *few.inputs[1:]), "metrics": metrics})
     assert "<script>" not in shown._repr_html_()

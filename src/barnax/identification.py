@@ -1,8 +1,7 @@
 """The answer of a run: the circuit of the family that the records support, found, proved and
 assessed, with the constant circuit that the population searches beside it."""
 
-from collections.abc import Callable
-from concurrent.futures import Future
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -14,14 +13,13 @@ from .cell import CircuitParameters
 from .errors import InputError
 from .execution import Watch, in_float64, threads
 from .global_optimum.search import GlobalOptimum, find_global_optimum, hold_warning
+from .model.prepared import PreparedRecord
 from .model.problem import Problem
 from .model.sampling import SHORT, least_r0_share, means_shifts_ohm, resampling
 from .notices import Notice
-from .over_soc.certificate import certify
-from .over_soc.fit import fit_of, with_level_ends
+from .over_soc.fit import with_level_ends
 from .over_soc.fits import R0, TableFits
-from .over_soc.fitted_ocv import compare_ocv
-from .over_soc.temperature import fit_temperatures, group_by_temperature
+from .over_soc.temperature import group_by_temperature
 from .pulses import pulses_of
 from .records.lag import answers_ohm, late_r0_ohm
 from .result_parts import Candidate, ConstantPart, InputPart, MetricsBlock, bands_by_soc, versions
@@ -45,9 +43,7 @@ def search_and_assess(
     problem, warnings = setup.problem, list[Notice]()
     refinement = None
     with threads(3) as beside:
-        fitting: Future[TableFits] | None = None
-        if setup.has_tables:
-            fitting = beside.submit(_fitted, setup)
+        fitting = beside.submit(_fitted, setup.fit, setup.records) if setup.fit else None
         linearization = beside.submit(compile_linearization, problem) if trust != "none" else None
         with watch("Finding the best constant circuit", 0):
             optimum = optimum_or_none(problem)
@@ -68,9 +64,8 @@ def search_and_assess(
         constant = Evaluations.of(by_circuit, problem.prepared_records, validated)
         of_tables = None
         if tables is not None:
-            records = (setup.chosen.objective if setup.chosen else problem).prepared_records
-            validated = setup.validation(records[0].circuit)
-            of_tables = Evaluations.of(tables.evaluate, records, validated)
+            validated = setup.validation(setup.records[0].circuit)
+            of_tables = Evaluations.of(tables.evaluate, setup.records, validated)
     other = _resampled(problem, parameters)
     assessment = None
     with watch("Assessing", 0):
@@ -180,21 +175,9 @@ def make_result(
 
 
 @in_float64
-def _fitted(setup: Setup) -> TableFits:
+def _fitted(fit: Callable[[], TableFits], records: Sequence[PreparedRecord]) -> TableFits:
     """The tables of the answer, proved, with their intervals and held-out errors."""
-    records = setup.problem.prepared_records
-    if setup.fits is not None:
-        fits = setup.fits
-    elif setup.over_temperature:
-        fits = fit_temperatures(group_by_temperature(records), setup.tables)
-    else:
-        assert setup.chosen is not None, "a point of the family"
-        objective = setup.chosen.objective
-        records = objective.prepared_records
-        fit = fit_of(objective, certify(objective, setup.chosen.best))
-        compared = compare_ocv(records, fit, objective.settings)
-        fits = TableFits((replace(fit, ocv_compared=compared),), settings=setup.tables)
-    groups = [records]
+    fits, groups = fit(), [records]
     if fits.over_temperature is not None:
         groups = [group for _, group in sorted(group_by_temperature(records).items())]
     level = tuple(with_level_ends(fit, group) for fit, group in zip(fits, groups, strict=True))
@@ -215,7 +198,7 @@ def _candidates(setup: Setup, result: Result) -> tuple[Candidate, ...]:
     errors = crossed and crossed.tables, proof.proved_gap, True
     answer = Candidate.of(result.model, tables.over, result.metrics, *errors)
     # Without an OCV test the constant circuit has an OCV that is fitted to the tables.
-    return (answer,) if setup.fits is not None else (of_constant, answer)
+    return (answer,) if setup.is_alone else (of_constant, answer)
 
 
 def _assessed(

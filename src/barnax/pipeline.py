@@ -27,7 +27,6 @@ from .optimizers import make_optimizer
 from .over_soc.fits import R0, require_temperature, table_warnings
 from .over_soc.problem import is_loaded
 from .over_soc.registration import rest_warnings
-from .over_soc.settings import TableSettings
 from .over_soc.temperature import group_by_temperature, require_temperatures
 from .plan import plan_given, plan_of, planned
 from .plan.document import GIVEN
@@ -238,7 +237,7 @@ def identify_problem(
     settings = settings or Settings(seeds=0)
     optimizer = make_optimizer(settings.method, settings.population, settings.iterations)
     better = with_better_directions(without_sweep_drop(problem))
-    alone = Setup(better, lambda circuit: [], TableSettings())
+    alone = Setup(better, lambda circuit: [])
     result = search_and_assess(alone, optimizer, settings, trust, unwatched)
     return _with_warnings(result, better)
 

@@ -22,8 +22,10 @@ from .model.problem import Problem, make_problem, require_enough
 from .model.search_space import Range
 from .model.window import Window
 from .notices import Notice
+from .over_soc.certificate import certify
+from .over_soc.fit import fit_of
 from .over_soc.fits import TableFits
-from .over_soc.fitted_ocv import FittedOcv, fit_temperatures_with_ocv, prove_with_ocv
+from .over_soc.fitted_ocv import FittedOcv, compare_ocv, fit_temperatures_with_ocv, prove_with_ocv
 from .over_soc.problem import find_best, reduced_objective
 from .over_soc.registration import (
     ROUNDS,
@@ -35,6 +37,7 @@ from .over_soc.registration import (
 )
 from .over_soc.settings import TableSettings
 from .over_soc.starts import Starts, UntestedRecords
+from .over_soc.temperature import fit_temperatures, group_by_temperature
 from .records import Record
 from .select.choose import Choice, Fitted, Tried, choose
 from .select.family import limits_of
@@ -131,27 +134,18 @@ class Setup:
     Attributes:
         problem: The constant circuit that the population searches: the answer, or beside it.
         validation: The records to validate on, made ready for a circuit.
-        tables: How tables are fitted.
-        chosen: The answer, where the family was tried; with its tables still without a proof.
+        fit: Fits and proves the tables that are the answer; None where a constant circuit is.
+        records: The records that these are of.
         tried: What was tried.
-        fits: Tables that are known already.
-        over_temperature: Whether tables of every temperature are fitted.
+        is_alone: Whether the constant circuit has an OCV that was fitted with these tables.
     """
 
     problem: Problem
     validation: Callable[[str], list[PreparedRecord]]
-    tables: TableSettings
-    chosen: Fitted | None = None
+    fit: Callable[[], TableFits] | None = None
+    records: Sequence[PreparedRecord] = ()
     tried: tuple[Tried, ...] = ()
-    fits: TableFits | None = None
-    over_temperature: bool = False
-
-    @property
-    def has_tables(self) -> bool:
-        """True where the answer is tables, of resistances or of the OCV."""
-        point = None if self.chosen is None else self.chosen.point
-        is_table = point is not None and not (point.is_constant and point.law is None)
-        return is_table or self.fits is not None or self.over_temperature
+    is_alone: bool = False
 
 
 def asks_for_constant(job: Job) -> bool:
@@ -178,11 +172,14 @@ def set_up(first: Problem, inputs: Inputs, windows: Mapping[str, Window], job: J
     # A validation record that does not fit its window is refused before the search, not after.
     _ = validation(first.circuit)
     if fitted is not None:
-        return Setup(first, validation, fitted.fits.settings, tried=fitted.tried, fits=fitted.fits)
+        of_ocv = first.prepared_records, fitted.tried
+        return Setup(first, validation, lambda: fitted.fits, *of_ocv, is_alone=True)
     if job.over == OVER_TEMPERATURE:
-        return Setup(first, validation, tables, over_temperature=True)
+        groups = group_by_temperature(first.prepared_records)
+        fit = partial(fit_temperatures, groups, tables)
+        return Setup(first, validation, fit, first.prepared_records)
     if asks_for_constant(job):
-        return Setup(first, validation, tables)
+        return Setup(first, validation)
     limits = limits_of(first.cell, tables, job.model, None if job.over is None else True)
 
     def prepare(circuit: str) -> Sequence[PreparedRecord]:
@@ -204,7 +201,16 @@ def set_up(first: Problem, inputs: Inputs, windows: Mapping[str, Window], job: J
         made = problem_of(inputs, windows, job, point.circuit, rate)
         problem = with_better_directions(made)
     problem = _on_windows(problem, registered)
-    return Setup(problem, validation, chosen.objective.settings, chosen, choice.tried)
+    fit = None if point.is_constant and point.law is None else partial(_proved, chosen)
+    return Setup(problem, validation, fit, registered, choice.tried)
+
+
+def _proved(chosen: Fitted) -> TableFits:
+    """The tables that were chosen, proved, with what a fitted OCV is beside the test's."""
+    objective = chosen.objective
+    fit = fit_of(objective, certify(objective, chosen.best))
+    compared = compare_ocv(objective.prepared_records, fit, objective.settings)
+    return TableFits((replace(fit, ocv_compared=compared),), settings=objective.settings)
 
 
 def _on_windows(problem: Problem, registered: Sequence[PreparedRecord]) -> Problem:

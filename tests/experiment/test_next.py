@@ -108,7 +108,7 @@ def validated(result, rmse_v):
     """The result with such an error on its record to validate on, all of it above 10 % SOC."""
     (own,) = result.metrics.validation
     errors = {"rmse_v": rmse_v, "rmse_above_10_soc_v": rmse_v, "registered_v": None}
-    other = own.model_copy(update=errors)
+    other = replace(own, **errors)
     metrics = result.metrics.model_copy(update={"validation": (other,)})
     return result.model_copy(update={"metrics": metrics})
 

@@ -12,7 +12,7 @@ import typer
 import barnax
 
 from .. import reporting
-from ..errors import InputError
+from ..errors import InputError, attempt
 from ..files import is_factor_file
 from ..settings import Reading, TableOptions
 from .options import Given, group, options_of, options_of_job
@@ -154,8 +154,8 @@ def _run(
     result = barnax.hppc(job) if is_pulsed else barnax.identify(job)
     texts = {"result.json": result.to_json()}
     # A name that no plan can hold costs the plan.
-    if plan.unwritable is None:
-        texts[PLAN] = barnax.plan_to_toml(barnax.plan.with_whole_paths(plan, result.inputs))
+    toml = attempt(barnax.plan_to_toml, barnax.plan.with_whole_paths(plan, result.inputs))
+    texts |= {PLAN: toml} if isinstance(toml, str) else {}
     try:
         if plan.stored and not are_chosen:
             run.show_document(reporting.wording.document("planned", plan=plan))

@@ -56,12 +56,6 @@ class Plan(Brief):
         return tuple(part for part in self.parts if part.role == role)
 
     @property
-    def unwritable(self) -> str | None:
-        """The first file whose name TOML cannot hold."""
-        paths = (str(path) for part in self.parts for path in part.paths)
-        return next((p for p in paths if p.encode(errors="replace").decode() != p), None)
-
-    @property
     def unused(self) -> dict[str, str]:
         """The files that are not used, together where the reason is one but for a temperature."""
         files: dict[str, list[str]] = {}
@@ -169,11 +163,12 @@ def plan_to_toml(plan: Plan) -> str:
 
     Raises `InputError` for a file whose name TOML cannot hold.
     """
-    if plan.unwritable is not None:
-        raise InputError(
-            f"{printable(plan.unwritable)}: this name is not UTF-8, as a plan is; rename the file, "
-            "or run the folder as it is"
-        )
+    for path in (str(path) for part in plan.parts for path in part.paths):
+        if path.encode(errors="replace").decode() != path:
+            raise InputError(
+                f"{printable(path)}: this name is not UTF-8, as a plan is; rename the file, or run "
+                "the folder as it is"
+            )
     document = tomlkit.document()
     for line in (*_HEAD, *filter(None, (plan.missing,))):
         document.add(tomlkit.comment(printable(line)))

@@ -3,12 +3,12 @@
 import numpy as np
 import polars as pl
 import pytest
-from scipy.signal import lfilter
 
 import barnax
 from barnax.records import record_from_frame
 from barnax.records.lag import find_scan
-from helpers.packs import TAU_S, PackedCell, alike, frame, ocv_table, ocv_v
+from helpers.packs import PackedCell, alike, frame, ocv_table, ocv_v
+from helpers.reference import drop_v, filtered_response
 from helpers.shared import CASES, needs_cases
 
 SYSTEMS = CASES / "systems"
@@ -30,10 +30,8 @@ def scanned(cells, lag_s, seed=3, noise_v=5e-4):
     rows = FINE * np.arange(1, SECONDS)
     columns = []
     for cell, late_s in zip(cells, lag_s, strict=True):
-        voltage_v = ocv_v(cell.soc - passed_ah / cell.capacity_ah) - cell.r0_ohm * current_a
-        for r_ohm, tau_s in zip(cell.r_ohm, TAU_S, strict=True):
-            kept = np.exp(-1 / FINE / tau_s)
-            voltage_v -= lfilter([0.0, (1 - kept) * r_ohm], [1.0, -kept], current_a)
+        drop = drop_v(filtered_response, 1 / FINE, current_a, cell.circuit)
+        voltage_v = ocv_v(cell.soc - passed_ah / cell.capacity_ah) - drop
         read_v = voltage_v[rows - np.round(late_s * FINE).astype(int)]
         columns.append(read_v + noise_v * rng.standard_normal(len(rows)))
     return np.stack(columns, axis=1), current_a[rows]

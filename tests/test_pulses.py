@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from barnax.pulses import STANDARD_S, find_pulses, levels, pulse_samples
-from helpers.reference import make_record
+from helpers.reference import drop_v, filtered_response, make_record
 
 REST_A = 0.02
 ONE_RC = (0.05, ((0.03, 12.0),))
@@ -18,17 +18,9 @@ def record_of(loads, circuit=ONE_RC, hold="forward", interval_s=0.1, noise_v=0.0
     r0, pairs = circuit
     current_a = np.concatenate([np.full(round(s / interval_s), a) for s, a in loads])
     time_s = interval_s * np.arange(len(current_a))
-    voltage_v = 4.0 - r0 * current_a
-    for r, tau_s in pairs:
-        decay, u, course = np.exp(-interval_s / tau_s), 0.0, []
-        for a in current_a:
-            # Forward, a sample's current flows after it; backward, it has flowed already.
-            after = decay * u + (1 - decay) * r * a
-            course.append(u if hold == "forward" else after)
-            u = after
-        voltage_v = voltage_v - np.array(course)
+    drop = drop_v(filtered_response, interval_s, current_a, (r0, *zip(*pairs, strict=True)), hold)
     noise = np.random.default_rng(0).normal(0, noise_v, len(time_s)) if noise_v else 0.0
-    return make_record(time_s, current_a, voltage_v + noise, hold=hold)
+    return make_record(time_s, current_a, 4.0 - drop + noise, hold=hold)
 
 
 def pulses_of(record):

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 from benchmarks.board.tools import PEERS, along, submitted
-from scipy.signal import lfilter
 
 import barnax
 from barnax import InputError
 from barnax.model.prepared import prepare_record
+from helpers.reference import drop_v, filtered_response
 
 R_OHM, TAU_S = (0.05, 0.02, 0.03), (12.0, 150.0)
 
@@ -20,10 +20,8 @@ def prepared_on(cell, seed, hold="forward"):
     current_a[:60] = 0.0
     soc = 0.95 - np.append(0.0, np.cumsum(current_a[:-1])) / 3600 / cell.capacity_ah
     of_row_a = current_a if hold == "forward" else np.append(0.0, current_a[:-1])
-    voltage_v = cell.average_ocv_v(soc) - R_OHM[0] * of_row_a
-    for r_ohm, tau_s in zip(R_OHM[1:], TAU_S, strict=True):
-        kept = np.exp(-1 / tau_s)
-        voltage_v -= lfilter([0.0, (1 - kept) * r_ohm], [1.0, -kept], current_a)
+    pairs = drop_v(filtered_response, 1.0, current_a, (0.0, R_OHM[1:], TAU_S))
+    voltage_v = cell.average_ocv_v(soc) - R_OHM[0] * of_row_a - pairs
     table = {"Time [s]": np.arange(3000.0), "Current [A]": of_row_a, "Voltage [V]": voltage_v}
     record = barnax.record_from_frame(
         table, name="made", current_sign="discharge-positive", current_hold=hold

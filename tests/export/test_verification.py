@@ -10,7 +10,7 @@ import pytest
 from barnax.errors import InputError
 from barnax.export import EXPORTERS, HeldLoad, require_package, verify
 from barnax.export.tables import TOLERANCE_V, tables_of
-from barnax.export.verification import simulate_here
+from barnax.export.verification import _turns, simulate_here
 from helpers.results import make_result, make_table_result
 
 SHORT = HeldLoad(1.0 * np.arange(200), np.where(np.arange(200) % 40 < 20, 2.0, -1.0))
@@ -53,6 +53,12 @@ def test_both_sides_start_in_the_direction_the_identification_started_in(circuit
     assert start_v * direction > 5e-3
     away_v = found_v - simulate_here(make_result("so-rc"), resting)
     np.testing.assert_allclose(away_v, start_v, atol=1e-5)
+
+
+def test_the_current_turns_where_it_flows_the_other_way_than_it_last_did():
+    profile = HeldLoad(np.arange(6.0), np.array([0.0, 1.0, 0.0, 1.0, -1.0, 0.0]))
+    assert np.flatnonzero(_turns(profile, 1)).tolist() == [1, 4]
+    assert np.flatnonzero(_turns(profile, -1)).tolist() == [4]
 
 
 def test_a_missing_package_is_named_with_how_to_get_it():

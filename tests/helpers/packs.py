@@ -6,7 +6,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import polars as pl
-from scipy.signal import lfilter
+
+from helpers.reference import drop_v, filtered_response
 
 TAU_S = (15.0, 150.0)
 
@@ -20,6 +21,10 @@ class PackedCell:
     capacity_ah: float = 5.0
     soc: float = 0.97
     tau_s: tuple[float, ...] = field(default=TAU_S)
+
+    @property
+    def circuit(self):
+        return self.r0_ohm, self.r_ohm, self.tau_s
 
     @property
     def total_ohm(self) -> float:
@@ -61,10 +66,8 @@ def simulated(cells, current_a, interval_s=1.0, noise_v=5e-4, seed=2):
     passed_ah = np.append(0.0, np.cumsum(current_a[:-1]) * interval_s / 3600)
     columns = []
     for cell in cells:
-        voltage_v = ocv_v(cell.soc - passed_ah / cell.capacity_ah) - cell.r0_ohm * current_a
-        for r_ohm, tau_s in zip(cell.r_ohm, cell.tau_s, strict=True):
-            kept = np.exp(-interval_s / tau_s)
-            voltage_v = voltage_v - lfilter([0.0, (1 - kept) * r_ohm], [1.0, -kept], current_a)
+        drop = drop_v(filtered_response, interval_s, current_a, cell.circuit)
+        voltage_v = ocv_v(cell.soc - passed_ah / cell.capacity_ah) - drop
         columns.append(voltage_v + noise_v * rng.normal(size=len(current_a)))
     return np.stack(columns, axis=1)
 

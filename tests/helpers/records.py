@@ -7,12 +7,12 @@ from xml.sax.saxutils import escape
 import numpy as np
 import polars as pl
 import pytest
-from scipy.signal import lfilter
 
 from barnax.bundled import bundled_file
 from barnax.checks import check_file
 from barnax.errors import InputError
 from barnax.records import read_record
+from helpers.reference import drop_v, filtered_response
 
 PAIRS = ((0.01, 8.0), (0.02, 90.0))
 
@@ -20,11 +20,9 @@ PAIRS = ((0.01, 8.0), (0.02, 90.0))
 def simulated_cell(current_a, interval_s=1.0, *, r0=0.05, capacity_ah=2.0, soc=0.6, pairs=PAIRS):
     """Voltage of a cell of RC pairs for a discharge-positive current, held forward."""
     passed = np.append(0.0, np.cumsum(current_a[:-1])) * interval_s / 3600 / capacity_ah
-    voltage_v = 3.3 + 0.8 * (soc - passed) - r0 * current_a
-    for ohm, tau_s in pairs:
-        kept = np.exp(-interval_s / tau_s)
-        voltage_v -= lfilter([0.0, (1 - kept) * ohm], [1.0, -kept], current_a)
-    return voltage_v
+    circuit = (r0, *zip(*pairs, strict=True))
+    drop = drop_v(filtered_response, interval_s, current_a, circuit)
+    return 3.3 + 0.8 * (soc - passed) - drop
 
 
 def pulses_a(samples=200, amplitude_a=2.0, seed=0):

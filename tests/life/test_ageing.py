@@ -6,7 +6,6 @@ from functools import cache
 import numpy as np
 import polars as pl
 import pytest
-from scipy.signal import lfilter
 
 import barnax
 from barnax.errors import InputError
@@ -18,6 +17,7 @@ from barnax.over_soc.ageing import CAPACITY, R0, SHIFT, R, measure_ageing, shows
 from barnax.over_soc.settings import TableSettings
 from barnax.plots import plot_fleet_life
 from barnax.reporting.life import life_frame, life_json, life_lines
+from helpers.reference import drop_v, filtered_response
 
 
 def dataset(cells=9, ages=5, **columns):
@@ -146,12 +146,9 @@ def aged(cell, bent_v=0.0, to_empty=False, begun=1.0, rests=1, opening_s=0, shif
         current_a = np.concatenate([current_a, emptying, resting])
     current_a = np.append(np.zeros(opening_s // 5), current_a)
     soc = begun - 5 * np.append(0.0, np.cumsum(current_a[:-1])) / 3600 / OWN_AH
-    voltage_v = cell.average_ocv_v(soc) + shift_v - bent_v * (1 - soc) - OWN_R0 * current_a
-    for own, tau_s in zip(PAIRS, (20.0, 160.0), strict=True):
-        kept = np.exp(-5 / tau_s)
-        drive = np.append(0.0, (own * current_a)[:-1])
-        voltage_v = voltage_v - lfilter([1 - kept], [1, -kept], drive)
-    voltage_v = voltage_v + 5e-4 * rng.standard_normal(len(soc))
+    voltage_v = cell.average_ocv_v(soc) + shift_v - bent_v * (1 - soc)
+    voltage_v -= drop_v(filtered_response, 5.0, current_a, (OWN_R0, PAIRS, (20.0, 160.0)))
+    voltage_v += 5e-4 * rng.standard_normal(len(soc))
     columns = {"Time [s]": 5.0 * np.arange(len(soc)), "Current [A]": -current_a}
     record = barnax.record_from_frame(
         columns | {"Voltage [V]": voltage_v},

@@ -14,6 +14,7 @@ from barnax.over_soc.intervals import _held_level
 from barnax.over_soc.settings import TableSettings
 from barnax.search.answers import AtBound
 from helpers.made_cell import SMALL
+from helpers.reference import filtered_response
 from helpers.shared import CASES, SHARED, needs_cases, needs_data
 
 CELLS = CASES / "cells"
@@ -74,10 +75,7 @@ def charged(tmp_path_factory):
     time_s = np.arange(0.0, 2700.0, 2.0)
     current_a = np.where((time_s > 1500) & (time_s <= 1800), 0.0, 1.5)
     soc = 0.2 + np.append(0.0, np.cumsum(current_a[1:])) * 2.0 / 3600 / 2
-    kept = np.exp(-2.0 / 40)
-    slow_a = np.zeros(len(time_s))
-    for k in range(1, len(time_s)):
-        slow_a[k] = kept * slow_a[k - 1] + (1 - kept) * current_a[k]
+    slow_a = filtered_response(2.0, current_a, 40.0, "backward")
     noise_v = np.random.default_rng(2).normal(0, 1e-3, len(time_s))
     table = {
         "Time / min": time_s / 60,

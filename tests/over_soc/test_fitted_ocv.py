@@ -22,7 +22,7 @@ from barnax.records.log import in_means
 from barnax.settings import NODES
 from helpers.fitted_ocv import fit_with_ocv
 from helpers.made_cell import FEW_NODES, R0_OHM, R_OHM, SMALL, TAU_S, cell_with_ocv, made, ocv_v
-from helpers.reference import filtered_response, make_record
+from helpers.reference import drop_v, filtered_response, make_record
 
 GIVEN = {"tau1 [s]": 10.0, "tau2 [s]": 100.0}
 QUICK = TableSettings(nodes=FEW_NODES, max_boxes=0, folds=0)
@@ -209,10 +209,8 @@ def hysteretic(
         kept = np.exp(-gamma * abs(passed))
         state = kept * state + (1 - kept) * np.sign(passed)
         states[at] = state
-    voltage_v = ocv_v(soc) - R0_OHM * current_a + half_gap_v * states
-    voltage_v += draw.normal(0.0, noise_v, samples)
-    for r_ohm, tau_s in zip(*pairs, strict=True):
-        voltage_v -= r_ohm * filtered_response(1.0, current_a, tau_s, "forward")
+    drop = drop_v(filtered_response, 1.0, current_a, (R0_OHM, *pairs))
+    voltage_v = ocv_v(soc) - drop + half_gap_v * states + draw.normal(0.0, noise_v, samples)
     return make_record(time_s, current_a, voltage_v), soc
 
 

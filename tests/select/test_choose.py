@@ -6,7 +6,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
 
 from barnax.cell.parameters import ANYWHERE
 from barnax.model.prepared import prepare_record
@@ -17,7 +16,7 @@ from barnax.over_soc.settings import TableSettings
 from barnax.select.choose import Bench, Fitted, choose
 from barnax.select.family import NODE_LADDER, RICHER, Point, Subfamily, limits_of
 from helpers.made_cell import cell_with_ocv, ocv_v
-from helpers.reference import make_record
+from helpers.reference import drop_v, filtered_response, make_record
 
 CAPACITY_AH = 2.0
 NOISE_V = 5e-4
@@ -35,14 +34,12 @@ def driven(cell, tau_s, r_ohm, r0_ohm=0.03, bend=0.0, seed=0, half_gap_v=0.0):
     current_a = np.repeat(rng.choice([-1.0, 0.0, 1.0, 2.5], 360, p=[0.3, 0.2, 0.25, 0.25]), 20)
     current_a[:60] = 0.0
     soc = 0.98 - np.concatenate([[0.0], np.cumsum(current_a)[:-1]]) / 3600 / CAPACITY_AH
-    drop_v = (r0_ohm + bend * np.exp(-soc / 0.2)) * current_a
-    for tau, r in zip(tau_s, r_ohm, strict=True):
-        kept = np.exp(-1.0 / tau)
-        drop_v += lfilter([0.0, (1 - kept) * r], [1.0, -kept], current_a)
+    circuit = (r0_ohm + bend * np.exp(-soc / 0.2), r_ohm, tau_s)
+    drop = drop_v(filtered_response, 1.0, current_a, circuit)
     # From a charge, and then that of the latest current.
     latest = np.maximum.accumulate(np.where(current_a != 0, np.arange(len(soc)), 0))
-    drop_v += half_gap_v * np.where(current_a[latest] == 0, -1.0, np.sign(current_a[latest]))
-    voltage_v = ocv_v(soc) - drop_v + NOISE_V * rng.standard_normal(len(soc))
+    drop += half_gap_v * np.where(current_a[latest] == 0, -1.0, np.sign(current_a[latest]))
+    voltage_v = ocv_v(soc) - drop + NOISE_V * rng.standard_normal(len(soc))
     record = make_record(np.arange(len(soc), dtype=float), current_a, voltage_v, name="drive.csv")
 
     def prepare(circuit):

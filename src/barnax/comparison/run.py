@@ -13,6 +13,7 @@ from ..cell import CellModel, get_circuit
 from ..errors import InputError, require_choice
 from ..execution import Watch, in_float64, unwatched
 from ..global_optimum.search import (
+    GlobalOptimum,
     optimality_gap,
     with_better_directions,
     without_sweep_drop,
@@ -132,17 +133,12 @@ def _result(
     problems: Mapping[str, Problem], answered: Sequence[Row], budget: Budget, watch: Watch
 ) -> ComparisonResult:
     """The result of rows that are answered: refined, beside the global optima, and compared."""
-    with watch(REFINEMENT):
-        refined = _refine(answered)
     with watch(OPTIMA):
         optima = {model: optimum_or_none(problem) for model, problem in problems.items()}
+    with watch(REFINEMENT):
+        refined = _refine(answered, optima)
     with watch(DIFFERENCES):
         differences = _differences(refined, budget.key)
-    for index, row in enumerate(refined):
-        optimum = optima[row.model]
-        if row.failure is None and optimum is not None:
-            gap = optimality_gap(row.median.rmse_v, optimum.rmse_v)
-            refined[index] = replace(row, optimality_gap=gap)
     first, *_ = problems.values()
     evaluated = next((row.evaluations for row in refined if row.failure is None), ())
     inputs = [
@@ -202,8 +198,9 @@ def _run(
     )
 
 
-def _refine(rows: Sequence[Row]) -> list[Row]:
-    """The rows with what Levenberg-Marquardt makes of each median seed, model by model."""
+def _refine(rows: Sequence[Row], optima: Mapping[str, GlobalOptimum | None]) -> list[Row]:
+    """The rows with what Levenberg-Marquardt makes of each median seed, model by model, and how far
+    above the global optimum that seed is."""
     done = {row.name: row for row in rows}
     for model in dict.fromkeys(row.model for row in rows):
         here = [row for row in rows if row.model == model and row.failure is None]
@@ -212,8 +209,10 @@ def _refine(rows: Sequence[Row]) -> list[Row]:
         descent = Descent(here[0].problem)
         ends = descent([row.median.parameters for row in here], FINAL_TOLERANCE)
         ends, _ = descent.led_on(ends, FINAL_TOLERANCE, FINAL_ROUNDS)
+        best = optima[model]
         for row, end in zip(here, ends, strict=True):
-            done[row.name] = replace(row, refined=end)
+            gap = None if best is None else optimality_gap(row.median.rmse_v, best.rmse_v)
+            done[row.name] = replace(row, refined=end, optimality_gap=gap)
     return [done[row.name] for row in rows]
 
 

@@ -330,11 +330,8 @@ def one_clock(prepared_records: Sequence[PreparedRecord]) -> Float[np.ndarray, "
     )
     times, start_s = [], 0.0
     for prepared in prepared_records:
-        time_s = prepared.time_s[prepared.scored]
-        first_s = time_s[0]
+        times.append(prepared.time_s[prepared.scored])
         # In place: a long record has no room for copies.
-        time_s += start_s
-        time_s -= first_s
-        times.append(time_s)
+        times[-1] += start_s - times[-1][0]
         start_s = times[-1][-1] + gap_s
     return np.concatenate(times)

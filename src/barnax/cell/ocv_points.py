@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -19,7 +19,6 @@ from ..records.quantities import CELL_RANGE_V
 from ..records.record import MINIMUM_REST_S, SETTLED_V, Rest, Segments, is_long, run_sums, runs
 from ..records.scale import of_one_cell
 from ..records.table import Lines, notice_at, take_lines
-from ..settings import AutoHold, AutoSign
 from .soc_axis import CHARGE, DISCHARGE, WORD, OcvPoint, Sweep
 
 MINIMUM_POINTS = 4
@@ -352,18 +351,10 @@ def _branch(file: str, lines: Lines, name: str, scale: float) -> tuple[OcvPoint,
     return tuple(points)
 
 
-def read_ocv_test(
-    source: str | Path | Source,
-    *,
-    current_sign: AutoSign = "auto",
-    current_hold: AutoHold = "auto",
-    voltage_lag: float | None = None,
-) -> Record | OcvTable:
-    """The OCV test in a file: a table of OCV over SOC, else a record, read as by `read_record`."""
+def read_ocv_test(source: str | Path | Source, **how: Any) -> Record | OcvTable:
+    """The OCV test in a file: a table of OCV over SOC, else a record, read by `read_record` as it
+    is told."""
     if not isinstance(source, Source):
         source = read_source(source)
-    if source.table.header.is_ocv_table:
-        return read_ocv_table(source)
-    return read_record(
-        source, current_sign=current_sign, current_hold=current_hold, voltage_lag=voltage_lag
-    )
+    is_table = source.table.header.is_ocv_table
+    return read_ocv_table(source) if is_table else read_record(source, **how)

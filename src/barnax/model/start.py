@@ -109,12 +109,11 @@ def find_start(
         if (room := abs(soc - 0.5) + 0.5) > 1 + _BEYOND_AN_END:
             moved = {"soc": soc, "known_row": record.row[at], "capacity_ah": capacity_ah}
             other_end = {"full end": soc < 0, "empty end": soc > 1}
+            code = "start.beyond-an-end"
             if window.capacity_ah is None and other_end.get(soc_source):
                 soc, capacity_ah = float(soc > 1), room * capacity_ah
-                moved |= {"moved_ah": capacity_ah}
-                notices = [Notice("start.moves-more", moved, record.name)]
-            else:
-                notices = [Notice("start.beyond-an-end", moved, record.name)]
+                code, moved = "start.moves-more", moved | {"moved_ah": capacity_ah}
+            notices = [Notice(code, moved, record.name)]
     elif not unrested:
         (soc, soc_sd), soc_source = begun.rested(first, direction), "rested voltage"
     elif fitted := None if cell.ocv_is_fitted else fitted_soc(record, cell, capacity_ah, first):

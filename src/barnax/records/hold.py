@@ -82,12 +82,11 @@ def evidence_of(samples: Samples, name: str) -> SamplingEvidence:
     proof, column = _from_counters(samples), samples.columns["current"]
     # "<I>/mA", or the charge of each interval.
     is_mean = column.header.startswith("<") or column.quantity.name == "charge of the interval"
-    if is_mean and (proof is None or proof.strength != "strong"):
-        words = f"'{column.header}' is the mean current since the row before"
-        proof = Decision("backward", "weak", words)
-    if proof is None and samples.dialect.logs_at_end:
-        words = f"{samples.dialect.name} testers log a sample at its interval's end"
-        proof = Decision("backward", "weak", words)
+    says = f"{samples.dialect.name} testers log a sample at its interval's end"
+    says = f"'{column.header}' is the mean current since the row before" if is_mean else says
+    is_open = proof is None or (is_mean and proof.strength != "strong")
+    if is_open and (is_mean or samples.dialect.logs_at_end):
+        proof = Decision("backward", "weak", says)
     return SamplingEvidence(samples.table.header.names, name, proof, slow_rows(samples))
 
 

@@ -151,11 +151,9 @@ def filled(time_s: Samples, degc: Samples) -> Samples | None:
     """Temperatures with those that are missing, or no cell's, taken from their neighbors; None
     where none is known."""
     is_plausible = (degc > CELL_DEGC[0]) & (degc < CELL_DEGC[1])
-    return (
-        np.interp(time_s, time_s[is_plausible], degc[is_plausible])
-        if np.any(is_plausible)
-        else None
-    )
+    if not np.any(is_plausible):
+        return None
+    return np.interp(time_s, time_s[is_plausible], degc[is_plausible])
 
 
 def heat_of(time_s: Samples, between_a: Intervals, tau_s: float) -> Samples:

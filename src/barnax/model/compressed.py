@@ -142,11 +142,9 @@ class Lagrange(eqx.Module):
 
     def padded_to_multiple(self, step: int) -> "Lagrange":
         """The same with a multiple of `step` nodes: those added lie outside and weigh nothing."""
-        missing = -len(self.nodes) % step
-        nodes = as_input(np.pad(self.nodes, (0, missing), constant_values=2.0))
-        weights, slope = (
-            as_input(np.pad(each, (0, missing))) for each in (self.weights, self.slope)
-        )
+        added = 0, -len(self.nodes) % step
+        nodes = as_input(np.pad(self.nodes, added, constant_values=2.0))
+        weights, slope = (as_input(np.pad(each, added)) for each in (self.weights, self.slope))
         return replace(self, nodes=nodes, weights=weights, slope=slope)
 
     def at(self, tau: Scalar, count: Scalar | float = 1.0) -> Float[Array, "nodes"]:

@@ -282,11 +282,8 @@ def fitted_soc(
     moved = (discharged_ah - discharged_ah[0])[every] / capacity_ah
     voltage_v = record.voltage_v[first:][every]
     # The current, and that through the resistors of relaxed RC pairs.
-    held_a, interval_s = (
-        np.append(record.interval_current_a[first:], 0.0),
-        record.interval_s[first:],
-    )
-    drives_a = (lagged(held_a, tau_s, interval_s) for tau_s in _TAUS_S)
+    held_a = np.append(record.interval_current_a[first:], 0.0)
+    drives_a = (lagged(held_a, tau_s, record.interval_s[first:]) for tau_s in _TAUS_S)
     columns = np.stack([record.current_a[first:], *drives_a], axis=1)[every]
     low, high = cell.soc_range
     low, high = low + moved.max() - BEYOND_SOC, high + moved.min() + BEYOND_SOC

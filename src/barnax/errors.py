@@ -40,7 +40,9 @@ def naming(subject: str, spelled: Callable[[str], str] = str) -> Iterator[None]:
         yield
     except InputError as refusal:
         head = f"{subject}: " if subject else ""
-        raise InputError(f"{head}{spelled(str(refusal))}") from refusal
+        named = InputError(f"{head}{spelled(str(refusal))}")
+        named.notice = refusal.notice
+        raise named from refusal
 
 
 def attempt(make: Callable[..., Value], *given: Any, **options: Any) -> Value | InputError:

@@ -1,8 +1,8 @@
 """From files to checked records and the cell they show: each file is read once."""
 
 import itertools
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
@@ -16,7 +16,7 @@ from .checks import FileCheck, check_file
 from .checks.against_cell import compare_temperatures, compare_with_cell
 from .checks.roles import Kind, require_load
 from .checks.sampling import OF_R0
-from .errors import InputError, attempt, printable
+from .errors import InputError, attempt, naming, printable
 from .job import Job, window_of, windows_by_name
 from .model.window import Windows, first_sample, group_tests, scored_samples, temperature_of
 from .notices import Notice, raise_first_error
@@ -207,15 +207,10 @@ def _simulated(source: Source, record: Record, window: Window) -> Source:
     return replace(source, span_s=(float(record.time_s[first]), float(record.time_s[last])))
 
 
-@contextmanager
-def telling(warnings: Sequence[Notice]) -> Iterator[None]:
+def telling(warnings: Sequence[Notice]) -> AbstractContextManager[None]:
     """Put what the checks found behind an `InputError`, as it may be its cause."""
-    try:
-        yield
-    except InputError as problem:
-        refusal = InputError("\n".join((str(problem), *(f"warning: {each}" for each in warnings))))
-        refusal.notice = problem.notice
-        raise refusal from problem
+    lines = [f"warning: {each}" for each in warnings]
+    return naming("", lambda text: "\n".join((text, *lines)))
 
 
 def source_of(

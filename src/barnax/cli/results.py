@@ -12,7 +12,7 @@ import typer
 import barnax
 
 from .. import reporting
-from ..errors import InputError
+from ..errors import InputError, attempt
 from ..notices import Notice
 from ..settings import Reading, Window
 from .options import Given, group, options_of, windows_of
@@ -296,10 +296,9 @@ def _document(
         drawn = reporting.illustrations.comparison_illustrations(stored)
         return reporting.comparison.comparison_document(stored, drawn), missing
     result, missing = barnax.Result.load(path, data=data), ""
-    try:
-        drawn = reporting.illustrations.identification_illustrations(result, live=live)
-    except InputError as problem:
-        drawn, missing = reporting.illustrations.stored_illustrations(result), str(problem)
+    drawn = attempt(reporting.illustrations.identification_illustrations, result, live=live)
+    if isinstance(drawn, InputError):
+        drawn, missing = reporting.illustrations.stored_illustrations(result), str(drawn)
     return reporting.identification.identification_document(result, drawn), missing
 
 

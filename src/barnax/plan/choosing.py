@@ -82,27 +82,11 @@ def _places(files: Sequence[Given]) -> set[Path]:
 
 def _decide(draft: Draft, tests: Files, others: Files) -> Plan:
     """The plan of files of which some have their role given."""
-    # Given files come first.
-    given = (*tests, *others)
-    for file in draft.files:
-        lines = [line.removeprefix(f"{file.name}: ") for line in str(file.refusal).splitlines()]
-        draft.leave({file: "; ".join(lines)} if file.refusal else {})
-    copies = copies_of(draft.free, given)
-    draft.leave({file: same.what for file, same in copies.items()})
-    free = [file for file in draft.free if file not in given]
-    # Of a folder copies are left out; what was given to validate on is meant.
-    doubled = [file for file in others if file in copies] or ([] if free else [*copies])
-    if others and doubled:
-        raise copies[doubled[-1]].error()
-    for file in others:
-        draft.start_given(file, tests)
-        draft.take(file, "validation", "given")
-    for file in tests:
-        draft.take(file, "OCV test", "given")
+    _take_given(draft, tests, others)
     if not tests:
         if (several := plan_of_cells(draft)) is not None:
             return several
-        draft.leave(of_other_cells(free, draft.given_ah))
+        draft.leave(of_other_cells(draft.free, draft.given_ah))
     free = draft.free
     records = [file for file in free if file.serves("identification")]
     # An OCV test with enough pulses is a record too where there is no other.
@@ -152,6 +136,25 @@ def _decide(draft: Draft, tests: Files, others: Files) -> Plan:
     _leave_others(draft, choice, chosen)
     options, reasons = ({}, {}) if is_pulse_test else options_of(draft, runs, choice)
     return Plan("hppc" if is_pulsed else "identify", draft.parts(), options, reasons)
+
+
+def _take_given(draft: Draft, tests: Files, others: Files) -> None:
+    """Settle the files whose role is given, and leave what cannot be read and copies."""
+    for file in draft.files:
+        lines = [line.removeprefix(f"{file.name}: ") for line in str(file.refusal).splitlines()]
+        draft.leave({file: "; ".join(lines)} if file.refusal else {})
+    copies = copies_of(draft.free, (*tests, *others))
+    draft.leave({file: same.what for file, same in copies.items()})
+    has_free = any(file not in (*tests, *others) for file in draft.free)
+    # Of a folder copies are left out; what was given to validate on is meant.
+    doubled = [file for file in others if file in copies] or ([] if has_free else [*copies])
+    if others and doubled:
+        raise copies[doubled[-1]].error()
+    for file in others:
+        draft.start_given(file, tests)
+        draft.take(file, "validation", "given")
+    for file in tests:
+        draft.take(file, "OCV test", "given")
 
 
 def _on_records(draft: Draft, groups: Sequence[Files]) -> Plan | None:

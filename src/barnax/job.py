@@ -112,10 +112,7 @@ class Job(TableOptions, CellSettings, Reading, Scope, Settings):
             values |= {name: getattr(part, name) for name in names}
             values["_chosen"] |= {name for name in names if values[name] != getattr(kind, name)}
         if self.setup is not None:
-            values["model"], values["ocv_fit"] = (
-                self.model or "iso-rc",
-                self.ocv_fit or "polynomial",
-            )
+            values |= {"model": self.model or "iso-rc", "ocv_fit": self.ocv_fit or "polynomial"}
         for name in values["_chosen"]:
             require_value(name, values[name])
         super().__post_init__()

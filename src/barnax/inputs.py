@@ -69,17 +69,10 @@ class InputFile:
         return replace(self, content=sampled(self.content, loggers), source=source)
 
 
-def require_test(job: Job, records: Sequence[Record]) -> Any:
-    """Raise `InputError` for records that have no OCV test."""
-    raise Notice("ocv-test.missing", subject=records[0].name).error()
-
-
-def read_inputs(
-    job: Job, without_test: Callable[[Job, list[Record]], Any] = require_test
-) -> Inputs:
+def read_inputs(job: Job, fit_ocv: Callable[[Job, list[Record]], Any] | None = None) -> Inputs:
     """Every record once, with what the checks say of it, and the cell that is given or that the OCV
-    tests show; over temperature those of each by themselves. `without_test` fits the cell of
-    records that have no OCV test."""
+    tests show; over temperature those of each by themselves. `fit_ocv` makes the cell of records
+    that have no OCV test; where it is None they are refused."""
     given = {"OCV test": job.ocv, "identification": job.records, "validation": job.validate}
     given = {role: listed(several) for role, several in given.items()}
     if is_bundled := not given["identification"]:
@@ -103,7 +96,9 @@ def read_inputs(
         _require_different([test for test in tests if isinstance(test, Record)])
     require_records(job.lags_s, {source.name for source in sources})
     with job.watch("Characterizing the cell", 0):
-        fitted_ocv = without_test(job, records) if is_fitted else None
+        if is_fitted and fit_ocv is None:
+            raise Notice("ocv-test.missing", subject=records[0].name).error()
+        fitted_ocv = fit_ocv(job, records) if fit_ocv and is_fitted else None
         cell = fitted_ocv.cell if fitted_ocv else job.cell or _characterized(tests, job)
     warnings = [] if is_bundled else warnings_about(files, cell, job.given_ah, job.window, job)
     return Inputs(records, tests, validation, cell, tuple(warnings), fitted_ocv)

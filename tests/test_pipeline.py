@@ -86,14 +86,6 @@ def test_a_failure_beside_the_search_is_not_swallowed(monkeypatch, name):
         barnax.identify(window=SHORT, **(SMALL | {"trust": "basic"}))
 
 
-def test_an_initial_soc_against_the_rested_voltage_is_said(few):
-    result = barnax.identify(window=replace(SHORT, initial_soc=0.95), **SMALL)
-    told = {each.subject: each for each in result.warnings if each.code == "start.other-soc"}
-    assert told.keys() == {"identification.parquet", "validation.parquet"}
-    assert told["identification.parquet"].values["given_soc"] == 0.95
-    assert "start.other-soc" not in {each.code for each in few.warnings}
-
-
 def test_a_parameter_at_its_bound_is_a_warning_of_the_result():
     result = barnax.identify(window=SHORT, bounds={"R0 [Ohm]": (0.06, 0.2)}, **SMALL)
     assert ("R0 [Ohm]", "lower") in {(each.name, each.side) for each in result.constant.at_bound}

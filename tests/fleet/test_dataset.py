@@ -105,11 +105,9 @@ def test_carried_values_of_two_kinds_are_kept_as_text(tmp_path, is_one_part):
         assert carried(tmp_path / str(number), is_one_part, *values) == list(texts)
 
 
-def test_duckdb_and_polars_answer_the_questions_of_the_page_alike(tmp_path):
-    duckdb = pytest.importorskip("duckdb")
+def test_the_questions_of_the_page_are_answered_from_the_files_of_two_shards(tmp_path):
     page = (Path(__file__).parents[2] / "docs" / "many-cells.md").read_text(encoding="utf-8")
     questions = re.findall(r"^```sql\n(.*?)^```", page, re.M | re.S)
-    assert len(questions) == 2
     names = ("id", "age_days", "R0 [Ohm]", "RMSE [V]", "at bound", "certified", *ERROR)
     for shard in (1, 2):
         ohm, volts = 0.01 * shard, 1.5 * shard
@@ -120,18 +118,10 @@ def test_duckdb_and_polars_answer_the_questions_of_the_page_alike(tmp_path):
         ]
         path = dataset_path(tmp_path, (shard, 2))
         write_rows(path, [dict(zip(names, row, strict=True)) for row in rows])
-    files = str(tmp_path / "cells*.parquet")
-    cells = duckdb.read_parquet(files, union_by_name=True)
-    context = pl.SQLContext(cells=pl.scan_parquet(files))
-    answers = []
-    for question in questions:
-        theirs = duckdb.sql(question).fetchall()
-        ours = context.execute(question).collect().rows()
-        assert [*map(pytest.approx, theirs)] == ours
-        answers.append(theirs)
-    assert cells.shape == (6, 8)
-    assert answers[0] == [(0, 2, pytest.approx(0.015)), (100, 2, pytest.approx(0.016))]
-    assert [row[0] for row in answers[1]] == ["21", "20", "11", "10"]
+    context = pl.SQLContext(cells=pl.scan_parquet(tmp_path / "cells*.parquet"))
+    means, worst = (context.execute(question).collect().rows() for question in questions)
+    assert means == [(0, 2, pytest.approx(0.015)), (100, 2, pytest.approx(0.016))]
+    assert [row[0] for row in worst] == ["21", "20", "11", "10"]
 
 
 @pytest.mark.slow

@@ -244,6 +244,8 @@ def test_a_given_soc_is_not_asked_for_where_the_other_branch_ends_far_away(bundl
         (Window(initial_soc=0.8, initial_direction=-1), -1, "given"),
         # So near an end, the current that came last is the one that leads there.
         (Window(initial_soc=0.985), 1, "full or empty"),
+        (Window(initial_soc=0.979), 1, "assumed"),
+        (Window(initial_soc=0.015, score_to_s=320.0), -1, "full or empty"),
         (Window(initial_soc=0.1), 1, "assumed"),
         # In the second rest, after a discharge, whatever is said.
         (Window(initial_soc=0.8, start_time_s=600.0), -1, "load before"),
@@ -258,17 +260,6 @@ def test_the_direction_comes_from_the_load_before_or_is_given_or_assumed(
     assert course.direction[0] == direction
     # Only what is assumed may be the other one.
     assert (both_directions(course)[1] is not None) == (source == "assumed")
-
-
-@pytest.mark.parametrize(("soc", "direction"), [(0.99, 1), (0.01, -1)])
-def test_a_rest_near_full_or_empty_decides_by_itself(bundled_cell, soc, direction):
-    time_s, current_a = np.arange(300.0), np.where(np.arange(300) < REST, 0, direction * 2.0)
-    record = simulated_record(bundled_cell, time_s, current_a, soc, direction)
-    course = prepare_record(record, bundled_cell, "iso-rc")
-    assert (course.start.direction, course.start.direction_source) == (direction, "full or empty")
-    # The five segments of the hysteresis miss the branches by up to 2 mV there.
-    assert course.start.soc == pytest.approx(soc, abs=2e-3)
-    assert both_directions(course)[1] is None
 
 
 def test_a_record_cut_in_the_middle_of_a_discharge_is_met_from_the_other_direction(bundled_cell):

@@ -178,13 +178,6 @@ def test_descents_from_all_over_the_box_find_nothing_better(prepared):
         assert best.objective_v2 <= end.objective_v2 * (1 + 1e-9)
 
 
-def test_folds_together_are_the_record(prepared):
-    settings = replace(SMALL, folds=3, block_s=300.0)
-    split, one = objective_of(prepared, settings), objective_of(prepared)
-    place = (np.log(10.0), np.log(100.0))
-    assert split.solve(place).rms_v == pytest.approx(one.solve(place).rms_v, rel=1e-10)
-
-
 def test_bounds_and_held_values_are_kept(prepared):
     fixed = {"tau1 [s]": 10.0, "tau2 [s]": 80.0, "R1 [Ohm]": 0.01}
     settings = replace(SMALL, bounds={"R0 [Ohm]": (0.05, 0.055)}, fixed=fixed)

@@ -35,14 +35,6 @@ def test_the_simulated_voltage_is_that_of_a_digital_filter(evaluation):
     assert evaluation.metrics.max_v == np.abs(scored_v).max()
 
 
-def test_a_pair_far_faster_than_the_sampling_is_simulated_too(bundled_record, bundled_cell):
-    fast = CircuitParameters.constant(r0=0.05, r=(0.01, 0.02), c=(1.0, 4000.0))
-    prepared = prepare_record(bundled_record, bundled_cell, "so-rc", Window(score_to_s=60.0))
-    circuit = (0.05, (0.01, 0.02), (0.01, 80.0))
-    expected_v = prepared.source_v - drop_v(filtered_response, 1.0, prepared.current_a, circuit)
-    np.testing.assert_allclose(evaluate(prepared, fast).simulated_v, expected_v, rtol=1e-12)
-
-
 @pytest.mark.parametrize("hold", ["forward", "backward", "centered"])
 def test_an_r0_above_what_the_steps_show_is_warned_of_with_both(bundled_cell, hold):
     """Levels of a minute at 1 s: the record's answer to their steps is of the closed form."""

@@ -75,6 +75,19 @@ def test_what_no_record_tells_is_not_determined():
 
 
 @pytest.mark.usefixtures("one_quantity")
+def test_an_estimate_of_a_wide_interval_counts_little():
+    is_wide = pl.int_range(pl.len()) == 7
+    times = {"": 2.0, " low": 1.2, " high": 3.2}
+    columns = [
+        pl.when(is_wide).then(factor * pl.col(f"aged {R0}")).otherwise(f"aged {R0}{end}")
+        for end, factor in times.items()
+    ]
+    named = {f"aged {R0}{end}": column for end, column in zip(times, columns, strict=True)}
+    (trend,) = life_of(dataset(cells=3).with_columns(**named)).of(R0, "C1")
+    assert trend.smooth[2, 0] == pytest.approx(0.03 * 1.1, rel=0.01)
+
+
+@pytest.mark.usefixtures("one_quantity")
 def test_throughput_is_in_the_unit_of_its_name_and_what_is_none_is_refused():
     passed = (pl.int_range(pl.len()) % 5 * 100.0).alias("ah_since_new")
     frame = dataset(cells=2).with_columns(passed)

@@ -4,8 +4,8 @@ import numpy as np
 import polars as pl
 import pytest
 
-from barnax.life.rows import EVIDENCE, pooled_shares, with_pooled_shapes
-from barnax.over_soc.ageing import CAPACITY, SHAPES_V, SHIFT
+from barnax.life.rows import ANOTHER, EVIDENCE, ROUNDS, pooled_shares, with_pooled_shapes
+from barnax.over_soc.ageing import CAPACITY, SHAPE_ODDS, SHAPES_V, SHIFT
 from barnax.over_soc.registration import REACH
 
 AGES, SEEN, SEEN_SD_V, BY_SHAPE = 10, 8, 2.5e-3, 0.6
@@ -86,6 +86,20 @@ def test_cells_far_from_an_age_have_no_vote_there():
     new = new.with_columns(cell=pl.concat_str(pl.lit("N"), "cell"))
     alone, beside = capacities(late), capacities(pl.concat([new, late]))
     np.testing.assert_allclose(beside[:, -1], alone[:, 0])
+
+
+def test_shares_are_those_of_a_loop_over_cells_of_one_age():
+    evidence = np.random.default_rng(1).normal(0.0, 2.0, (4, len(SHAPES_V)))
+    odds = np.ones(len(SHAPES_V))
+    for _ in range(ROUNDS):
+        votes = [odds * np.exp(own) / np.sum(odds * np.exp(own)) for own in evidence]
+        odds = sum(votes) + SHAPE_ODDS
+    shares = pooled_shares(evidence, np.arange(4), np.zeros(4))
+    for row, own in enumerate(evidence):
+        others = sum(votes) - votes[row] + SHAPE_ODDS
+        prior = (1 - ANOTHER) * others / np.sum(others) + ANOTHER * SHAPE_ODDS
+        expected = prior * np.exp(own) / np.sum(prior * np.exp(own))
+        np.testing.assert_allclose(shares[row], expected, rtol=1e-9)
 
 
 def test_one_record_that_differs_from_its_cell_s_others_keeps_a_wide_interval():

@@ -11,6 +11,7 @@ import barnax
 from barnax.errors import InputError
 from barnax.life import QUANTITIES, life_of
 from barnax.life.rows import ageing_row
+from barnax.life.trends import judge
 from barnax.model.prepared import prepare_record
 from barnax.over_soc import ageing
 from barnax.over_soc.ageing import CAPACITY, R0, SHIFT, R, measure_ageing, shows_both_ends
@@ -72,6 +73,18 @@ def test_what_no_record_tells_is_not_determined():
     own = [each for each in stored["trends"] if each["quantity"] == CAPACITY]
     assert {each["trend"] for each in own} == {None}
     assert len(life_frame(life)) == 4 * 10
+
+
+def test_the_quantities_share_the_false_alarms_of_all_cell_years(monkeypatch):
+    asked = []
+
+    def stated(series, expected, rng):
+        asked.append(expected)
+        return judge(series, expected, rng)
+
+    monkeypatch.setattr("barnax.life.ageing.judge", stated)
+    life = life_of(dataset(), false_alarms=0.02)
+    assert asked == pytest.approx([0.02 * life.exposure / 4] * 4)
 
 
 @pytest.mark.usefixtures("one_quantity")

@@ -24,7 +24,6 @@ from .pipeline import identify
 from .records.lag import Scan
 from .records.read import PackRecord, read_pack
 from .results import Result
-from .settings import Reading
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -136,15 +135,13 @@ def identify_pack(job: PackJob) -> Pack:
     records = listed(job.records)
     if len(records) != 1:
         raise InputError(f"a pack is one file with all its cells, but {len(records)} were given")
-    reading = job.part(Reading)
-    source = source_of(records[0], {}, reading)
-    read = read_pack(source, job.cells, **reading.of_record(source.name))
+    source = source_of(records[0], {}, job)
+    read = read_pack(source, job.cells, **job.of_record(source.name))
     chosen: dict[str, Any] = {"seeds": 0, "trust": "none", "model": "so-rc", **job.chosen}
     chosen |= {"records": [read.source], "over": "soc"}
     if read.scan is not None:
         chosen["voltage_lag"] = read.record.voltage_lag_s
-    of_cells = ("cells", "separate_time_constants")
-    result = identify(**{name: value for name, value in chosen.items() if name not in of_cells})
+    result = identify(PackJob(**chosen))
     tables = result.tables
     if tables is None:
         raise InputError(f"{read.record.name}: has no tables over SOC, so no cells are told")

@@ -14,7 +14,7 @@ import barnax
 from .. import reporting
 from ..errors import InputError, attempt
 from ..files import is_factor_file
-from ..settings import Reading, TableOptions
+from ..settings import TableOptions
 from .options import Given, group, options_of, options_of_job
 from .output import DEFAULT_FOLDER, PLAN, TABLES, Delivery, Output, drawn_files, new_run
 from .session import Session, as_flags, flag_of
@@ -183,7 +183,7 @@ def _sampled_by(promise: "barnax.Design", plan: "barnax.Plan") -> "barnax.Plan":
     is_file = len(on) == 1 and not (on[0].span_s or on[0].more) and on[0].path.is_file()
     if "current_hold" in plan.options or not is_file:
         return plan
-    part, reading = on[0], barnax.Job(**plan.options).part(Reading)
+    part, reading = on[0], barnax.Job(**plan.options)
     source = read_source(part.path, **reading.of_tables)
     source = replace(source, name=part.name)
     sampling = promise.sampling_of(read_record(source, **reading.of_record(part.name)))

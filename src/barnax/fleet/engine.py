@@ -375,7 +375,7 @@ def loggers_of_fleet(cells: Sequence[FleetCell], settings: Options) -> Loggers:
         for cell in [alike[index * len(alike) // count] for index in range(count)]:
             # What cannot be read is told in its own row.
             with suppress(InputError, OSError):
-                reading = job_of({**settings, **cell.options}).part(Reading)
+                reading = job_of({**settings, **cell.options})
                 (source,) = sources_of(cell.records[:1], reading, {})
                 records.append(read_record(source, **reading.of_record(source.name)))
     return loggers_of(records)

@@ -117,7 +117,6 @@ def identified(cell: FleetCell, settings: Options) -> tuple[Result, tuple[Notice
         result = identify_problem(cell.problem, job.part(Settings), trust=job.trust)
         return result, result.warnings
     job = _job_on_files(cell, settings)
-    reading = job.part(Reading)
     if not cell.ocv and cell.cell is None:
         # Which file serves for what, the roles say. Tables, as a refit of kept factors gives.
         result = identify(job if job.model or job.over else job.changed(over="soc"))
@@ -126,7 +125,7 @@ def identified(cell: FleetCell, settings: Options) -> tuple[Result, tuple[Notice
     cell_model, tests, of_tests, tests_degc = _cell_of_tests(
         cell.cell and (cell.cell, stamp(cell.cell)),
         tuple((path, stamp(path)) for path in cell.ocv),
-        window.capacity_ah, window.rest_current_a, reading, job.part(CellSettings),
+        window.capacity_ah, window.rest_current_a, job.part(Reading), job.part(CellSettings),
     )  # fmt: skip
     result = identify(job.changed(ocv=tests, cell=cell_model))
     evaluations = result.evaluations
@@ -141,13 +140,12 @@ def _job_on_files(cell: FleetCell, settings: Options) -> Job:
     if cell.missing:
         raise InputError(f"{'; '.join(cell.missing)}: correct the name in the manifest")
     job = job_of(settings).changed(**cell.options, bounds=cell.bounds, window=_windows(cell))
-    reading = job.part(Reading)
     paths, loggers = (*cell.records, *cell.validate), settings.get("loggers")
     # Files whose roles are to be found stay files.
     if loggers and (cell.ocv or cell.cell is not None):
-        read = sources_of(paths, reading, loggers)
+        read = sources_of(paths, job, loggers)
     else:
-        read = [_given(path, reading) for path in paths]
+        read = [_given(path, job) for path in paths]
     return job.changed(records=read[: len(cell.records)], validate=read[len(cell.records) :])
 
 
@@ -237,7 +235,7 @@ def reasons_against(cell: FleetCell, settings: Options) -> Iterator[str]:
         return
     try:
         job = _job_on_files(cell, settings)
-        tests = [_given(path, job.part(Reading)) for path in cell.ocv]
+        tests = [_given(path, job) for path in cell.ocv]
         job = job.changed(ocv=tests, cell=Result.from_json(cell.cell).cell if cell.cell else None)
         plan = plan_of(job)
         job = job if plan is None else planned(plan, job)

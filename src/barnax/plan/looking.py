@@ -105,7 +105,9 @@ class CandidateFile:
 
     @property
     def readable(self) -> Source:
-        assert self.source is not None, "what cannot be read is asked for nothing"
+        """What was read of it. Raises `InputError` where that was nothing."""
+        if self.source is None:
+            raise self.refusal or InputError(f"{self.name}: was not read")
         return self.source
 
     @property

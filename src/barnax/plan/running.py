@@ -71,8 +71,6 @@ def plan_given(job: Job, command: Literal["identify", "hppc"] = "identify") -> P
     looked = look(given, job)
     of_role = {file: role for role, several in looked.items() for file in several}
     for file in of_role:
-        if file.refusal and file.source is None:
-            raise file.refusal
         if file.refusal:
             # What the checks alone refuse can be read.
             _ = file.content

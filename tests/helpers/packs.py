@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import polars as pl
 
-from helpers.reference import drop_v, filtered_response
+from .reference import drop_v, filtered_response
 
 TAU_S = (15.0, 150.0)
 

@@ -58,14 +58,14 @@ def error_blocks_of(
         soc, size = sized(first.soc[here], BLOCK), here.stop - here.start
         rows = [[circuit.at(name, soc) for name in circuit.resistances] for circuit in circuits]
         r0_ohm, *r_ohm = np.stack(rows, axis=-1)
-        error_v = r0_ohm * np.asarray(inputs.current_a)[:, None]
+        bases_v = [sized(each.voltage_v[here] - each.source_v[here], BLOCK) for each in records]
+        error_v = np.stack(bases_v, axis=1) + r0_ohm * np.asarray(inputs.current_a)[:, None]
+        drops_v = np.zeros_like(error_v)
         for pair, ohm in enumerate(r_ohm):
             held_v, tau_s = ohm * np.asarray(inputs.held_a)[:, None], taus_s[pair : pair + 1]
             states[pair], drop_v = answer_block(tau_s, states[pair], held_v, inputs.intervals)
-            error_v += drop_v[:, 0]
-        error_v = error_v[:size] + np.stack(
-            [each.voltage_v[here] - each.source_v[here] for each in records], axis=1
-        )
+            drops_v += drop_v[:, 0]
+        error_v = (error_v + drops_v)[:size]
         if inputs.hysteresis is not None and gamma is not None:
             turning = np.asarray(inputs.hysteresis.hysteresis_input)[:, None]
             clock, tau = inputs.hysteresis.intervals, np.array([1 / gamma])

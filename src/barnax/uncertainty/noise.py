@@ -45,7 +45,7 @@ FEW_PAIRS = 1 / 2
 DRAWS = 100
 MAX_DRAWN = 2**17
 # Clocks finer than this many intervals a record are read in coarser slots.
-MAX_SLOTS = 2**20
+MAX_SLOTS = 2**19
 
 
 @dataclass(frozen=True, eq=False)

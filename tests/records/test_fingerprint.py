@@ -5,6 +5,7 @@ import pytest
 
 from barnax.bundled import BUNDLED
 from barnax.records import read_record, record_from_frame
+from barnax.records.lag import aligned
 from barnax.records.log import Content, read_fingerprint
 from helpers.records import CURRENT, TIME, VOLTAGE, pulses_a, simulated_cell
 
@@ -41,27 +42,27 @@ def record():
     return read_record(BUNDLED.record)
 
 
+# The current of a record is moved to the moments of its voltages, and of a thinned copy is not.
+@pytest.mark.parametrize("lag_s", [0.0, 0.02, 0.4])
 @pytest.mark.parametrize("copy", COPIES)
-def test_a_copy_is_recognized_by_its_samples_and_by_what_is_stored_of_them(record, copy):
+def test_a_copy_is_recognized_by_its_samples_and_by_what_is_stored_of_them(record, copy, lag_s):
     values = COPIES[copy](record.time_s, record.current_a, record.voltage_v)
-    own, other = Content(record), Content(recorded(*values))
+    own, other = Content(aligned(record, lag_s)), Content(recorded(*values))
     assert own.is_like(other)
     assert other.holds(own.fingerprint)
 
 
 @pytest.mark.parametrize(("noise_v", "places"), [(2e-4, 4), (1e-3, 3), (1e-3, 2)])
 @pytest.mark.parametrize("r0", [0.05, 0.0505])
-def test_the_same_current_again_or_on_another_cell_is_another_record(noise_v, places, r0):
+@pytest.mark.parametrize("lag_s", [0.0, 0.02])
+def test_the_same_current_again_or_on_another_cell_is_another_record(noise_v, places, r0, lag_s):
     current_a, rng = pulses_a(6000), np.random.default_rng(0)
+    voltages_v = (
+        simulated_cell(current_a, r0=ohm) + rng.normal(0, noise_v, 6000) for ohm in (0.05, r0)
+    )
     one, other = (
-        Content(
-            recorded(
-                np.arange(6000.0),
-                current_a,
-                np.round(simulated_cell(current_a, r0=ohm) + rng.normal(0, noise_v, 6000), places),
-            )
-        )
-        for ohm in (0.05, r0)
+        Content(aligned(recorded(np.arange(6000.0), current_a, np.round(voltage_v, places)), lag_s))
+        for voltage_v in voltages_v
     )
     assert not one.is_like(other)
     assert not one.holds(other.fingerprint)

@@ -193,14 +193,16 @@ class Content:
 
     def __init__(self, record: Record):
         self.record = record
-        self.run: Run = np.stack([record.time_s, record.current_a, record.voltage_v])
+        # What was moved to the voltages' moments is no current of the file: no copy has it.
+        current_a = record.current_a + (np.nan if record.voltage_lag_s else 0.0)
+        self.run: Run = np.stack([record.time_s, current_a, record.voltage_v])
         # To what current and voltage were rounded.
         self.rounded = np.array([*map(decimal_step, self.run[1:])])
 
     @cached_property
     def fingerprint(self) -> str:
         """The first and the last time, and behind semicolons runs of samples, of each its time,
-        current (discharge positive) and voltage in s, A and V."""
+        current (discharge positive, "nan" of one that was moved) and voltage in s, A and V."""
         step_v = np.abs(np.diff(self.run[2]))
         length = min(_LENGTH, len(step_v))
         texts = [f"{self.run[0, 0]:.12g} {self.run[0, -1]:.12g}"]
@@ -244,8 +246,8 @@ class Content:
         for sample_s, sample_a, first, last in zip(samples[0], samples[1], low, high, strict=True):
             if last - first <= _MANY:
                 places = order[first:last]
-                is_near = np.abs(current_a[places] - sample_a) <= near_a
-                shifts_s.append(sample_s - time_s[places[is_near]])
+                is_far = np.abs(current_a[places] - sample_a) > near_a
+                shifts_s.append(sample_s - time_s[places[~is_far]])
         all_s, width_s = np.concatenate(shifts_s), np.median(np.diff(time_s))
         if len(all_s):
             bins, counts = np.unique(np.round(all_s / width_s), return_counts=True)
@@ -293,4 +295,5 @@ def _is_on(line: Run, points: Run, near: Near) -> Bool[np.ndarray, "points"]:
     after = np.clip(np.searchsorted(line[0], points[0]), 1, line.shape[1] - 1)
     between = np.array([np.interp(points[0], line[0], row) for row in line[1:]])
     candidates = np.stack([line[1:, after - 1], line[1:, after], between])
-    return np.all(np.abs(points[1:] - candidates) <= near, axis=1).any(axis=0)
+    # A current that is not a number is like any.
+    return ~np.any(np.abs(points[1:] - candidates) > near, axis=1).all(axis=0)

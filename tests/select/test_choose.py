@@ -69,6 +69,20 @@ def test_as_many_pairs_as_the_cell_has_are_chosen(cell, circuit, tau_s, r_ohm):
     assert choice.chosen.best.rms_v == pytest.approx(NOISE_V, rel=0.1)
 
 
+def test_bounds_of_a_third_pair_ask_for_it_and_pairs_of_one_box_stand_from_fast_to_slow(cell):
+    prepare = driven(cell, (5.0, 50.0, 450.0), (0.012, 0.012, 0.02))
+    choice = chosen(cell, prepare, bounds={"tau3 [s]": (200.0, 5000.0)})
+    assert choice.chosen.point.circuit == "3rc"
+    np.testing.assert_allclose(np.exp(choice.chosen.best.log_scales), (5.0, 50.0, 450.0), rtol=0.1)
+
+
+def test_a_pair_whose_resistance_has_bounds_changes_places_with_no_other(cell):
+    prepare = driven(cell, (8.0, 150.0), (0.01, 0.02))
+    choice = chosen(cell, prepare, bounds={"R1 [Ohm]": (0.015, 0.05)})
+    np.testing.assert_allclose(np.exp(choice.chosen.best.log_scales), (150.0, 8.0), rtol=0.1)
+    assert choice.chosen.best.rms_v == pytest.approx(NOISE_V, rel=0.1)
+
+
 def test_resistances_that_bend_with_soc_get_nodes(cell):
     choice = chosen(cell, driven(cell, (30.0,), (0.02,), bend=0.03))
     assert choice.chosen.point.circuit == "1rc"

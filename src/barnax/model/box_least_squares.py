@@ -106,7 +106,8 @@ def _enumerated(normal, gradient: Problems, low: Problems, high: Problems) -> Pr
     for first in range(0, low.shape[1], step):
         here = slice(first, first + step)
         h, g, least, most = (array[..., None, here] for array in (normal, gradient, low, high))
-        x = _free_minimum(h, g, np.where(sides > 0, most, least), (sides == 0) & (least < most))
+        bound = np.where((sides > 0) & np.isfinite(most), most, least)
+        x = _free_minimum(h, g, bound, (sides == 0) & (least < most))
         x = np.clip(x, least, most)
         value = np.sum(x * (2 * g + _times(h, x)), axis=0)
         lowest = np.argmin(np.where(np.isnan(value), np.inf, value), axis=0)

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import takewhile
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -194,10 +195,13 @@ class TableObjective(LinearObjective):
 
     @property
     def interchangeable(self) -> int:
-        """Number of RC pairs that can change places: all where they have one box, else none."""
-        pairs = alike(self.elements)
-        boxes = {(axis.low, axis.high) for axis in self.axes[:pairs]}
-        return pairs if len(boxes) == 1 else 0
+        """Number of RC pairs, the first ones, that can change places: those of one box."""
+        names, limits = names_of(self.elements)[: alike(self.elements)], self.settings.ranges
+        boxes = [
+            (axis.low, axis.high, limits.get(of_pair.resistance))
+            for axis, of_pair in zip(self.axes, names, strict=False)
+        ]
+        return len([*takewhile(boxes[0].__eq__, boxes)]) if boxes[:1] == boxes[1:2] else 0
 
     @cached_property
     def fixed_columns(self) -> dict[int, Columns]:

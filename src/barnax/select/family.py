@@ -127,7 +127,7 @@ def limits_of(
     Args:
         cell: The cell: where its OCV test shows a hysteresis that matters, the family starts there.
         settings: Nodes other than the default are the only ones over SOC; with bounds or fixed
-            values the pairs are two.
+            values the pairs are two, or three where these are of a third.
         model: The only circuit; None for all.
         over_soc: True for tables alone, False for constants alone.
         has_ocv: Whether the OCV is a table of the records' own.
@@ -148,6 +148,9 @@ def limits_of(
         return Subfamily(model, nodes, richer, laws, has_ocv, is_asked=True)
     is_bounded = bool(settings.ranges)
     start = "esc" if cell.has_flat_ocv else "1rc" if settings.folds and not is_bounded else "so-rc"
+    if any(str(get_circuit(start).pairs + 1) in name for name in settings.ranges):
+        # A third pair is asked for by its bounds.
+        start = RICHER[start].get("pairs", start)
     gaps = {"hysteresis": has_ocv or cell.has_gap, "switched": cell.has_gap and not has_ocv}
     richer: dict[str, Mapping[Ladder, str]] = {}
     reached = [start]

@@ -110,9 +110,12 @@ def test_a_slow_log_counts_other_charge_with_the_other_sampling(hold, share):
     record = record_from_frame(
         {**frame, "Voltage [V]": [4.0, 3.95, 3.8, 3.9, 3.9]}, current_hold=hold
     )
-    assert resampled_share(record) is None
+    assert resampled_share(SimpleNamespace(record=record, span=slice(5))) is None
     assumed = replace(record, hold=replace(record.hold, strength="assumed"))
-    assert resampled_share(assumed) == pytest.approx(share)
+    assert resampled_share(SimpleNamespace(record=assumed, span=slice(5))) == pytest.approx(share)
+    # What is not simulated does not count: 1 x 30 + 2 x 10 As of the rest, or 2 x 30.
+    after = resampled_share(SimpleNamespace(record=assumed, span=slice(1, 5)))
+    assert after == pytest.approx(6 / 5 if hold == "forward" else 5 / 6)
 
 
 @pytest.mark.parametrize(("hold", "other"), [("forward", "backward"), ("backward", "forward")])

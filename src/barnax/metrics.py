@@ -8,6 +8,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import stdtrit
 
+from .schema import Count, Volts
+
 Voltage = Float[np.ndarray, "samples"]
 # Of every interval, and half of one in standard deviations of a normal distribution.
 CONFIDENCE, NORMAL_95 = 0.95, 1.96
@@ -40,15 +42,15 @@ class Metrics:
     """
 
     record: str = ""
-    rmse_v: float
+    rmse_v: Volts
     r2: float
     r2_paper: float
     mape_percent: float
-    ce_v: float
-    max_v: float
-    samples: int
-    rmse_above_10_soc_v: float | None = None
-    registered_v: float | None = None
+    ce_v: Volts
+    max_v: Volts
+    samples: Count
+    rmse_above_10_soc_v: Volts | None = None
+    registered_v: Volts | None = None
     start_moved_soc: float | None = None
 
     @property

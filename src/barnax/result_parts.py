@@ -115,8 +115,8 @@ class InputPart(Part):
             (discharge positive) and voltage, in s, A and V.
         sign: The sign of its current, and why.
         hold: When a sample's current flows, and why.
-        resampled_share: Where that is only assumed, the charge that the record would span with the
-            other sampling, as a share of what it does.
+        resampled_share: Where that is only assumed, the charge that the simulated part would span
+            with the other sampling, as a share of what it does.
         voltage_lag_s: By how much its voltage is older than the current in its row.
         window: The part that was simulated.
         start: Where and from which SOC, and why.
@@ -172,7 +172,7 @@ class InputPart(Part):
                 "soc_range": (float(soc.min()), float(soc.max())),
                 "temperature_degc": prepared.temperature_degc,
                 "peak_current_a": float(np.abs(prepared.current_a).max()),
-                "resampled_share": resampled_share(prepared.record),
+                "resampled_share": resampled_share(prepared),
             }
         )
 

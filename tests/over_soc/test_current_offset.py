@@ -8,7 +8,7 @@ import pytest
 
 from barnax.execution import in_float64
 from barnax.over_soc import nuisances
-from barnax.over_soc.nuisances import CurrentOffset, shared_offset
+from barnax.over_soc.nuisances import OPEN_PER_H, CurrentOffset, shared_offset
 from helpers.dense import (
     BOX,
     CAPACITY_AH,
@@ -59,6 +59,8 @@ def test_an_offset_adds_its_charge_along_the_ocv_and_its_drop_over_all_resistanc
         (0.01, 0.0034, 0.5, False),
         (0.05, 0.0076, 0.5, False),
         (0.05, 0.0074, 0.5, True),
+        # Right at one that is tried, with time constants of none.
+        (0.015, 0.001, 0.5, True),
     ],
 )
 def test_an_offset_is_reported_by_its_size_its_error_and_what_it_leaves(
@@ -73,12 +75,24 @@ def test_an_offset_is_reported_by_its_size_its_error_and_what_it_leaves(
         errors=np.array([1e-3] * 4 + [error * capacity_ah]),
         moved_scales=np.zeros(2),
     )
-    solved = SimpleNamespace(solve=lambda scales: best)
+    polished = []
+
+    def without_offset(objective, shifts, offset_a, ranges):
+        # The largest that is tried leaves least.
+        left = SimpleNamespace(**{**vars(best), "objective_v2": 1 - abs(offset_a)})
+        return SimpleNamespace(solve=lambda scales: left, ranges=ranges)
+
+    def polish(objective, start):
+        polished.append(objective.ranges)
+        return start
+
     monkeypatch.setattr(nuisances, "box_of", lambda *_: BOX)
-    monkeypatch.setattr(nuisances, "polish", lambda objective, start: start)
+    monkeypatch.setattr(nuisances, "polish", polish)
     monkeypatch.setattr(nuisances, "reads_zero_at_rest", lambda record: False)
-    monkeypatch.setattr(nuisances, "_without_offset", lambda *_: solved)
+    monkeypatch.setattr(nuisances, "_without_offset", without_offset)
     monkeypatch.setattr(nuisances, "estimate", lambda *_: [estimated])
     offset_found = shared_offset(objective, best, np.full((2, 2), 3e-3), without_v)
     expected = CurrentOffset(offset * capacity_ah, error * capacity_ah)
     assert offset_found == (expected if is_told else None)
+    # Once, with time constants free.
+    assert polished == [BOX] or (not polished and error > OPEN_PER_H)

@@ -73,7 +73,7 @@ class ComparisonJob(Job):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in self.chosen.keys() & _OF_ONE:
+        for name in [name for name in self.chosen if name in _OF_ONE]:
             raise InputError(f"`{name}` is of one circuit; a comparison has `models` and `methods`")
         for model, method in self.rows:
             get_circuit(model, "models")

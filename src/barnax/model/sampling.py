@@ -13,7 +13,7 @@ import numpy as np
 
 from ..cell import CircuitParameters
 from ..cell.elements import rungs_of
-from ..records import Hold, Record
+from ..records import Hold
 from ..records.record import EARLIER_SHARE
 from .exponentials import AT_ONCE
 from .prepared import PreparedRecord
@@ -35,14 +35,13 @@ def other_sampling(sampling: str) -> Hold:
     return "backward" if sampling == "forward" else "forward"
 
 
-def resampled_share(record: Record) -> float | None:
-    """The charge that a record would span with the other sampling, as a share of what it does; None
-    where its sampling is not only assumed."""
-    hold = record.hold
-    if hold.strength != "assumed" or not record.span_ah:
-        return None
+def resampled_share(prepared: PreparedRecord) -> float | None:
+    """The charge that the simulated part of a record would span with the other sampling, as a share
+    of what it does; None where its sampling is not only assumed."""
+    record, hold = prepared.record, prepared.record.hold
     other = replace(record, hold=replace(hold, value=other_sampling(hold.value)))
-    return other.span_ah / record.span_ah
+    other_ah, span_ah = (np.ptp(one.discharged_ah[prepared.span]) for one in (other, record))
+    return float(other_ah / span_ah) if hold.strength == "assumed" and span_ah else None
 
 
 @dataclass(frozen=True)

@@ -242,7 +242,7 @@ def shared_offset(
         if is_none if number else error_a > OPEN_PER_H * capacity_ah:
             return None
         leaves = best.rms_v / registered_v
-        if abs(offset_a - before_a) < SETTLED * error_a:
+        if number and abs(offset_a - before_a) < SETTLED * error_a:
             break
     least_a = max(LEAST_ERRORS * error_a, LEAST_PER_H * capacity_ah)
     is_shown = abs(offset_a) > least_a and leaves < LEAVES

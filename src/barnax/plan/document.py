@@ -79,8 +79,10 @@ class Plan(Brief):
     @property
     def stored(self) -> tuple[FileRole, ...]:
         """Every file as a result keeps it; none where the roles were given."""
+        kept = ("name", "role", "kind", "reason", "temperature_degc", "plans_soc")
+        facts = ({name: getattr(part, name) for name in kept} for part in self.parts)
         is_chosen = any(part.reason for part in self.parts)
-        return tuple(replace(part, source=None) for part in self.parts) if is_chosen else ()
+        return tuple(FileRole(**each) for each in facts) if is_chosen else ()
 
     @property
     def on_one(self) -> "Plan":

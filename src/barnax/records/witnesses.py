@@ -222,9 +222,10 @@ def _other_clocks(samples: Samples) -> Iterator[Witness]:
     """
     table, time = samples.table, samples.columns["time"]
     apart = np.arange(0, len(samples), 1 + len(samples) // (2 * _PAIRS))
-    # Neighbors are of one step.
-    beside = np.arange(0, len(samples) - 1, 1 + len(samples) // (20 * _PAIRS))
-    beside = np.column_stack([beside, beside + 1]).ravel()
+    # Neighbors, for steps begin anew; drawn, for steps of one length could hide from even ones.
+    last = len(samples) - 1
+    beside = np.random.default_rng(0).choice(last, min(last, 20 * _PAIRS), replace=False)
+    beside = (np.sort(beside)[:, None] + [0, 1]).ravel()
     for name, column in table.header.columns.items():
         if name not in ("date", "step time") or column.index == time.index:
             continue

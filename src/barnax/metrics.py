@@ -2,15 +2,17 @@
 of intervals."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Float
+from pydantic import Field
 from scipy.special import stdtrit
 
-from .schema import Count, Volts
-
 Voltage = Float[np.ndarray, "samples"]
+# What errors and numbers of samples can be, where they are read again.
+Volts = Annotated[float, Field(ge=0)]
+Count = Annotated[int, Field(ge=0, lt=2**63)]
 # Of every interval, and half of one in standard deviations of a normal distribution.
 CONFIDENCE, NORMAL_95 = 0.95, 1.96
 # Median absolute deviations of a normal distribution in its standard deviation.

@@ -20,6 +20,7 @@ from .display import Brief, hook
 from .errors import InputError
 from .execution import compile_for, in_float64
 from .filters import Drive, Filtered, FilterModel, Kind, run_filter
+from .metrics import Count
 from .model.prepared import prepare_record
 from .model.start import Start
 from .model.window import OCV_MARGIN, Window
@@ -38,7 +39,7 @@ from .scenarios import (
     from_start,
     score,
 )
-from .schema import Count, Document, NoticeField
+from .schema import Document, NoticeField
 from .settings import AutoHold, AutoSign, Reading
 
 if TYPE_CHECKING:

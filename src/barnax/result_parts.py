@@ -15,7 +15,7 @@ from .cell import CircuitParameters, OcvTable, get_circuit
 from .cell.model import SAME_DEGC
 from .errors import choices_in
 from .global_optimum.search import GlobalOptimum
-from .metrics import Metrics
+from .metrics import Count, Metrics
 from .model.sampling import resampled_share
 from .model.start import Start
 from .model.window import Window
@@ -25,7 +25,7 @@ from .over_soc.node_interval import Fact, NodeInterval
 from .over_soc.settings import table_name
 from .records import Decision, Record, Source
 from .records.log import Content, read_fingerprint
-from .schema import Count, Parameters, Part
+from .schema import Parameters, Part
 from .search.answers import AtBound, Refinement, Search
 from .search.evaluate import Evaluation, Evaluations, pooled
 from .settings import AutoHold, AutoSign

@@ -93,8 +93,6 @@ MaybeInfinite = Annotated[
     PlainSerializer(lambda value: None if math.isinf(value) else value, when_used="json"),
 ]
 Loss = Annotated[MaybeInfinite, Field(ge=0)]
-Volts = Annotated[float, Field(ge=0)]
-Count = Annotated[int, Field(ge=0, lt=2**63)]
 # What `jax.random.key` takes.
 Key = Annotated[int, Field(ge=0, lt=2**64)]
 Parameters = dict[str, float]

@@ -9,9 +9,10 @@ from scipy.stats import qmc
 
 from ..cell import CircuitParameters
 from ..cell.elements import alike
+from ..metrics import Count
 from ..model.compressed import Coordinates
 from ..model.problem import Problem
-from ..schema import Count, Loss
+from ..schema import Loss
 
 
 class MethodFailure(Exception):

@@ -15,13 +15,14 @@ from ..cell.characterize import without_drop
 from ..cell.model import NEAR_DEGC
 from ..errors import InputError, attempt
 from ..execution import in_float64
+from ..metrics import Count, Volts
 from ..model.descent import GridSizes, LogScales, lowest_scales, polish
 from ..model.prepared import PreparedRecord, prepare_record
 from ..model.sampling import other_sampling
 from ..notices import Notice
 from ..records import Decision
 from ..records.lag import answers_ohm, late_r0_ohm
-from ..schema import Count, MaybeInfinite, Volts
+from ..schema import MaybeInfinite
 from ..search.answers import (
     SAME_RMSE,
     AtBound,

@@ -9,9 +9,10 @@ from pydantic import Field
 
 from ..cell import CircuitParameters
 from ..display import Brief
+from ..metrics import Count, Volts
 from ..model.search_space import Kind, Scale
-from ..schema import Count, Loss, Unstored, Volts
 from ..schema import Key as Seed
+from ..schema import Loss, Unstored
 
 # A parameter this close to an end of its box, as a fraction of the (log) width, is at the bound.
 AT_BOUND = 1e-3

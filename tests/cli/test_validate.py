@@ -128,3 +128,27 @@ def test_the_choice_of_a_circuit_is_shown_where_there_was_one(run, stored, tmp_p
     shown = run("show", tmp_path, "--choice").out
     assert "(0.011)" in shown
     assert "no gain" in shown
+
+
+@pytest.mark.slow
+def test_a_window_is_recognized_by_content_and_not_by_name(run, rewritten, stored, drive, tmp_path):
+    narrow = rewritten(**{"initial_soc": 0.5})
+    again = tmp_path / "again.parquet"
+    again.write_bytes(BUNDLED.validation.read_bytes())
+    assert rmse_v(run, narrow, again) == rmse_v(run, narrow, BUNDLED.validation)
+    plain = rmse_v(run, stored, drive)
+    other = tmp_path / "other" / BUNDLED.validation.name
+    other.parent.mkdir()
+    other.write_bytes((tmp_path / drive).read_bytes())
+    assert rmse_v(run, narrow, other) == plain
+
+
+@pytest.mark.slow
+def test_the_errors_are_written_as_a_page_with_figures(run, stored, drive, tmp_path):
+    outcome = run("validate", stored, drive, "--report", "page.html")
+    assert outcome.status == 0
+    assert "page.html" in outcome.out
+    page = (tmp_path / "page.html").read_text()
+    assert page.count("<img") == 2
+    assert "drive.parquet" in page
+    assert "exists already" in run("validate", stored, drive, "--report", "page.html").err

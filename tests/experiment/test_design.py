@@ -225,3 +225,23 @@ def test_all_forms_hold_the_same_current(pulsed, tmp_path):
 def test_what_cannot_be_is_refused_with_what_to_do(asked, words):
     with pytest.raises(InputError, match=words):
         quick_design(**asked, blocks=few_blocks())
+
+
+@pytest.mark.slow
+def test_the_same_key_gives_the_same_design(pulsed):
+    assert quick_design(**PULSED, blocks=few_blocks()).to_json() == pulsed.to_json()
+    blocks, others = (barnax.candidate_blocks(jax.random.key(key)) for key in (0, 1))
+    assert blocks != others
+
+
+@pytest.mark.slow
+def test_a_wish_that_is_easy_takes_the_least_time_whatever_is_given():
+    """The best of a long test has more pieces than fit into a short one."""
+    hours = []
+    for max_hours in (1.6, 3.0):
+        found = barnax.design(
+            capacity=2.0, max_hours=max_hours, want={"R0": 0.05}, blocks=few_blocks(), **LIMITS
+        )
+        assert found.is_reached
+        hours.append(found.hours)
+    assert hours[1] < 1.1 * hours[0]

@@ -23,7 +23,7 @@ RESULTS = Path(__file__).parents[1] / "results" / "board.md"
 # What tools of a run by themselves need too much time for is not in it.
 ABSENT = (
     "PyBOP and mealpy are not here: they search for the constants that SciPy's row has "
-    "([speed](speed.md), [peers](peers.md)). Submit what they give."
+    "([speed](speed.md)). Submit what they give."
 )
 
 

@@ -77,10 +77,11 @@ def test_no_search_that_is_over_reports_beside_others():
     ("changes", "match"),
     [
         ({"key": jr.split(KEY, 4).reshape(2, 2)}, "a row of keys"),
+        ({"key": 3}, r"give `jax.random.key\(3\)`"),
         ({"lower": jnp.array([-jnp.inf, 0.0])}, "are not finite"),
         ({"upper": jnp.nan}, "are not finite"),
     ],
-    ids=["keys", "infinite", "nan"],
+    ids=["keys", "number", "infinite", "nan"],
 )
 def test_what_no_search_can_begin_from_is_refused(changes, match):
     given = {"lower": LOWER, "upper": UPPER, "key": KEY, **changes}

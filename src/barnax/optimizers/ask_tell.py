@@ -257,6 +257,8 @@ def draw_key(key: Key[Array, ""], generation: Generation) -> Key[Array, ""]:
 
 
 def as_key(key: Array) -> Key[Array, "*keys"]:
+    if isinstance(key, int):
+        raise InputError(f"`key` is a number; give `jax.random.key({key})`")
     key = jnp.asarray(key)
     if not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
         key = jr.wrap_key_data(key)

@@ -26,6 +26,7 @@ _ANOTHER = 1.5
 # A charge of so much of the capacity shows the other direction.
 _MUCH = 0.5
 NO_RECORD = "no record can be identified on, for the reason beside each file; "
+OTHER_CELL = "for the reason beside each file; leave it out of the folder if it is of another cell"
 MAKE_RECORD = (
     "measure a drive cycle, or pulses after rests (HPPC), sampled about every second under load, "
     "over most of the state of charge"
@@ -116,7 +117,7 @@ def _decide(draft: Draft, tests: Files, others: Files) -> Plan:
         draft.take_tests(choice)
         _leave_others(draft, choice, [])
         names = " and ".join(test.name for test in choice.tests)
-        unfit = f"no record can be identified on with {names}, for the reasons beside each"
+        unfit = f"no record can be identified on with the OCV test {names}, {OTHER_CELL}"
         missing = unfit if dynamic else NO_RECORD + MAKE_RECORD
         return Plan("identify", draft.parts(), missing=missing)
     record = runs[0]

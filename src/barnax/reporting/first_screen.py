@@ -97,7 +97,7 @@ def next_step(result: "Result") -> Next:
     if not result.tried and alike(circuit.elements) < len(circuit.elements):
         return Next("try tables over SOC of this circuit too", {"over": "soc"})
     if not result.tried:
-        return Next("try tables over SOC too, without `model`")
+        return Next("try tables over SOC too, without `model` or `setup`")
     if result.constant.assessment is None:
         return Next("compute intervals of the parameters", {"trust": "basic"})
     validated = joined([part.name for part in view.validation])

@@ -58,7 +58,7 @@ def grow_record(sizes: Sizes) -> Iterator[Length]:
         search = one_search(objective, sizes)
         scan_s = None
         if samples <= sizes.longest_scan:
-            inputs = prepared.simulation_input(box.tau_span_s[0])
+            inputs = prepared.simulation_input(box.spans[0][0])
             call = generations(Objective(inputs, box), points, 1)
             scan_s = _typical_s(call, sizes)
         yield Length(

@@ -309,6 +309,6 @@ def test_records_of_another_cell_than_the_ocv_test_s_say_so(folder):
     change(folder, "c", at(25.0))
     (folder / "b.bdf.json").write_text("{}")
     found = plan(folder)
-    assert found.missing.startswith("no record can be identified on with d.parquet")
+    assert found.missing.startswith("no record can be identified on with the OCV test d.parquet")
     assert "the cell of the OCV test holds 0.02 Ah" in reason(found, "a.parquet")
     assert "b.bdf.json" not in roles(found)

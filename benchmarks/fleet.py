@@ -36,8 +36,8 @@ DEFAULT: dict[str, Any] = {"seeds": 0}
 # What a stage of a cell is called, and the function where its caller reads it.
 STAGES = {
     "reading and checks": "barnax.pipeline:read_inputs",
-    "reduction": "barnax.run_setup:problem_of",
-    "certified optimum": "barnax.identification:find_global_optimum",
+    "reduction": "barnax.model.problem:compress",
+    "certified optimum, with the reduction": "barnax.identification:find_global_optimum",
     "evaluation": "barnax.identification:evaluate",
     "intervals": "barnax.identification:assess",
     "result": "barnax.identification:make_result",

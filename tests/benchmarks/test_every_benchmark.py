@@ -72,4 +72,4 @@ def test_names_of_imports_within_functions_and_in_strings_are_read():
     path = ROOT / "benchmarks" / "fleet.py"
     names = set(names_read(path))
     assert "barnax.fleet.rows:identify_rows" in names
-    assert "barnax.run_setup:problem_of" in names
+    assert "barnax.model.problem:compress" in names

@@ -21,8 +21,8 @@ from .job import Job, window_of, windows_by_name
 from .model.window import Windows, first_sample, group_tests, scored_samples, temperature_of
 from .notices import Notice, raise_first_error
 from .records import Given, Record, Source, read_record, read_source, source_from_frame
+from .records.fingerprint import Content
 from .records.hold import sampled
-from .records.log import Content
 from .records.logger import Logger, loggers_of
 from .records.source import STDIN, STDIN_NAME
 from .settings import OVER_TEMPERATURE, Reading, Window

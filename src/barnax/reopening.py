@@ -22,7 +22,8 @@ from .over_soc.fits import no_temperature
 from .over_soc.registration import rest_warnings
 from .plan.document import folders_in
 from .records import Given, Record, find_file, folders_around, read_record
-from .records.log import NEXT_FILE, Content, joined, read_fingerprint
+from .records.fingerprint import Content, read_fingerprint
+from .records.log import NEXT_FILE, joined
 from .result_parts import InputPart
 from .results import Result
 from .search.evaluate import Evaluation, Evaluations, evaluate_from_either, with_registered

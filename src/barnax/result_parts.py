@@ -24,7 +24,7 @@ from .over_soc.fit import TableFit
 from .over_soc.node_interval import Fact, NodeInterval
 from .over_soc.settings import table_name
 from .records import Decision, Record, Source
-from .records.log import Content, read_fingerprint
+from .records.fingerprint import Content, read_fingerprint
 from .schema import Parameters, Part
 from .search.answers import AtBound, Refinement, Search
 from .search.evaluate import Evaluation, Evaluations, pooled

@@ -5,8 +5,8 @@ import pytest
 
 from barnax.bundled import BUNDLED
 from barnax.records import read_record, record_from_frame
+from barnax.records.fingerprint import Content, read_fingerprint
 from barnax.records.lag import aligned
-from barnax.records.log import Content, read_fingerprint
 from helpers.records import CURRENT, TIME, VOLTAGE, pulses_a, simulated_cell
 
 

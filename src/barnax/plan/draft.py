@@ -13,7 +13,7 @@ from ..errors import InputError, attempt, counted, printable
 from ..job import SIMULATED, FileRole, Use
 from ..model.window import Window
 from ..notices import Notice
-from ..records.log import Content
+from ..records.fingerprint import Content
 from .document import ROLES, Plan
 from .looking import CandidateFile, Files, is_same_degc
 from .ocv import OcvChoice, Started, ocv_at, ocv_reason, started

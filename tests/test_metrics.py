@@ -1,9 +1,12 @@
 """The figures of merit, against their definitions."""
 
+import json
+
 import numpy as np
 import pytest
 
 from barnax.metrics import measure
+from barnax.result_parts import MetricsBlock
 from helpers.shape_checks import unchecked
 
 MEASURED = np.array([3.0, 3.5, 4.0])
@@ -36,3 +39,12 @@ def test_different_lengths_are_refused_with_both_shapes():
         pytest.raises(ValueError, match=r"equally many .* got shapes \(3,\) and \(2,\)"),
     ):
         measure(MEASURED, SIMULATED[:2])
+
+
+def test_the_metrics_of_a_voltage_that_stays_the_same_are_read_as_they_were_stored():
+    metrics = measure(np.full(3, 3.3), np.full(3, 3.2), record="rest")
+    block = MetricsBlock(identification=metrics, validation=())
+    text = block.model_dump_json(by_alias=True)
+    assert json.loads(text)["identification"]["r2"] is None
+    assert MetricsBlock.model_validate_json(text) == block
+    assert metrics.r2 == -np.inf

@@ -6,13 +6,19 @@ from typing import Annotated, Any
 
 import numpy as np
 from jaxtyping import Float
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 from scipy.special import stdtrit
 
 Voltage = Float[np.ndarray, "samples"]
 # What errors and numbers of samples can be, where they are read again.
 Volts = Annotated[float, Field(ge=0)]
 Count = Annotated[int, Field(ge=0, lt=2**63)]
+# Of a voltage that stays the same it is minus infinity, for which JSON has null.
+Determination = Annotated[
+    float,
+    Field(allow_inf_nan=True, json_schema_extra={"type": ["number", "null"]}),
+    BeforeValidator(lambda value: -np.inf if value is None else value),
+]
 # Of every interval, and half of one in standard deviations of a normal distribution.
 CONFIDENCE, NORMAL_95 = 0.95, 1.96
 # Median absolute deviations of a normal distribution in its standard deviation.
@@ -45,8 +51,8 @@ class Metrics:
 
     record: str = ""
     rmse_v: Volts
-    r2: float
-    r2_paper: float
+    r2: Determination
+    r2_paper: Determination
     mape_percent: float
     ce_v: Volts
     max_v: Volts

@@ -144,7 +144,11 @@ def fleet(given: FleetOptions) -> None:
     settings = given.settings
     _ = job_of(settings)
     if given.dry_run:
-        lines = list(map(as_keys, lines)) + reporting.fleet.problem_lines(cells, settings)
+        lines = list(map(as_keys, lines))
+        with session.watch("Checking", len(cells)) as advance:
+            for cell in cells:
+                lines += reporting.fleet.problem_lines([cell], settings)
+                advance(1)
         session.show(map(shown, lines[:MAX_LISTED]))
         if lines:
             raise InputError(f"{manifest}: {counted(len(lines), 'problem')} to correct")

@@ -149,7 +149,8 @@ def validate(on: ResultOnRecord, output: Errors) -> None:
     metrics = evaluation.metrics
     if output.as_json:
         block = MetricsBlock(identification=metrics, validation=())
-        plain = block.model_dump(mode="json", by_alias=True)["identification"]
+        # Of a voltage that stays the same there is no R2: JSON says null, and has no NaN.
+        plain = json.loads(block.model_dump_json(by_alias=True))["identification"]
         typer.echo(json.dumps(plain, indent=1))
     table = reporting.wording.table("result.metrics_of", [(metrics, "validation")])
     session.show([reporting.terminal.terminal_table(table)])

@@ -8,7 +8,7 @@ here, once.
 
 import abc
 from dataclasses import field, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -18,7 +18,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int, Key, PyTree, Scalar
 
-from ..errors import InputError
+from ..errors import InputError, require_number
 from .draws import written_out
 from .swarm import Box, Swarm
 
@@ -27,7 +27,7 @@ Generation = Int[Array, ""]
 Proposal = tuple[Float[Array, "offspring dims"], PyTree]
 
 
-class Stop(NamedTuple):
+class Stop(eqx.Module):
     """When a search ends before its `iterations` are over; None is never.
 
     Attributes:
@@ -37,6 +37,8 @@ class Stop(NamedTuple):
         ftol: Where the best loss fell by no more than this share of itself in `patience`
             generations.
         patience: Those generations.
+
+    Raises `InputError` for what is no number.
     """
 
     target: float | None = None
@@ -44,10 +46,15 @@ class Stop(NamedTuple):
     ftol: float | None = None
     patience: int = 50
 
+    def __check_init__(self) -> None:
+        kinds = {"target": float, "max_evaluations": int, "ftol": float, "patience": int}
+        for name, kind in kinds.items():
+            require_number(name, getattr(self, name), kind)
+
     @property
     def is_early(self) -> bool:
         """True if there is anything to stop at."""
-        return any(limit is not None for limit in self[:3])
+        return (self.target, self.max_evaluations, self.ftol) != (None, None, None)
 
 
 NEVER = Stop()

@@ -167,6 +167,8 @@ class AbstractPopulationMinimiser(AbstractPopulationSearch, optx.AbstractMinimis
         return is_over, result
 
     def postprocess(self, fn, y, aux, args, options, state: PopulationState, tags, result):
+        """The best position, what came with its loss, and `stats`: `best_loss`, its `history`,
+        `evaluations`, `population` and `failures`."""
         del fn, aux, args, options, tags, result
         _, unravel = ravel_pytree(y)
         is_past = jnp.arange(self.iterations + 1) <= state.generation

@@ -134,7 +134,7 @@ def _solve(fn, optimizer, y0, args, options, keys, restarts, has_aux, throw) -> 
             left = stop.max_evaluations
             left = left if left is None else left - best.stats["evaluations"]
             asked = options | {"key": jr.fold_in(key, number), "use_y0": False}
-            solver = replace(optimizer, stop=stop._replace(max_evaluations=left))
+            solver = replace(optimizer, stop=replace(stop, max_evaluations=left))
             new = optx.minimise(fn, solver, y0, args, asked, throw=False, **how)
             is_better = new.stats["best_loss"] < best.stats["best_loss"]
             kept = where_else(is_better, eqx.filter(new, eqx.is_array), best)

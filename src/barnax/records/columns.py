@@ -291,8 +291,9 @@ class Header:
 def read_columns(given: Mapping[str, str] | str) -> dict[str, str]:
     """The user's names by quantity, from a mapping or from text such as "current=I[mA]:mA,...".
 
-    A name may hold commas and equality signs, for only a quantity begins the next. Raises
-    InputError for what is no quantity of a record.
+    A name may hold commas and equality signs, for only a quantity begins the next; one that reads
+    like another quantity, ",amps=", is given in a mapping. Raises InputError for what is no
+    quantity of a record.
 
     >>> read_columns("time=Zeit:min,current=Strom, gemessen:mA")
     {'time': 'Zeit:min', 'current': 'Strom, gemessen:mA'}
@@ -304,6 +305,9 @@ def read_columns(given: Mapping[str, str] | str) -> dict[str, str]:
         parts = re.split(rf"(?:^|,)\s*({quantities})\s*=", given)
         unknown = parts[0].strip() or ("" if len(parts) > 1 else "nothing")
         given = dict(zip(parts[1::2], map(str.strip, parts[2::2]), strict=True))
+        # A mistyped quantity is no part of the name before it.
+        others = (re.search(r",\s*(\w+)\s*=", name) for name in given.values())
+        unknown = next((other[1] for other in others if other), unknown)
     else:
         unknown = next((name for name in given if name not in NAMES), "")
     if unknown or not all(given.values()):

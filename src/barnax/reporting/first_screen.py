@@ -57,6 +57,7 @@ def next_step(result: "Result") -> Next:
 
     - over `LOST` times the error on what was fitted, and over `LOST_V`: more data;
     - known of no other record: validate on one;
+    - larger than that of constants on every record validated on: those;
     - over `SMALL_V`, and a resistance is left open at most nodes: a test that tells it;
     - else the circuit serves: export it to a format that holds its hysteresis.
 
@@ -87,6 +88,8 @@ def next_step(result: "Result") -> Next:
     held_out = result.fit.cross_validation
     if not (view.validation_errors or (held_out and held_out.by_record)):
         return Next("validate on another record of the cell, with `validate`")
+    if view.surpassed and len(view.surpassed) == len(view.validation_errors):
+        return Next("take the constants, which validate better", {"model": constant.model})
     wide = _wide(view)
     if wide and unseen and unseen.error_v > SMALL_V:
         return Next(f"measure what is missing: {wide}", designs=True)

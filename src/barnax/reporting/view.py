@@ -16,7 +16,7 @@ from ..over_soc.fits import MIDDLE_SOC
 from ..over_soc.node_interval import parts_of
 from ..over_soc.settings import circuit_name
 from .wording import sentences
-from .words import degrees, gathered, interval_beside, numbered, soc_extent
+from .words import SAME, degrees, gathered, interval_beside, numbered, soc_extent
 
 if TYPE_CHECKING:
     from ..metrics import Metrics
@@ -297,11 +297,11 @@ class View:
     @property
     def surpassed(self) -> "list[tuple[Metrics, Metrics]]":
         """The errors of the constant circuit and of the tables that are the answer, on each record
-        that the constant circuit simulates better."""
+        that the constant circuit simulates better; errors within `SAME` are no better."""
         if self.result.tables is None:
             return []
         pairs = zip(self.result.constant.metrics.validation, self.validation_errors, strict=True)
-        return [(constant, answer) for constant, answer in pairs if constant.rmse_v < answer.rmse_v]
+        return [pair for pair in pairs if pair[0].rmse_v < (1 - SAME) * pair[1].rmse_v]
 
     @property
     def offset(self) -> "tuple[OffsetEffect | None, Notice | None]":

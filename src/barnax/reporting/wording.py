@@ -70,8 +70,7 @@ CONSTANTS |= {"HARDLY_MOVED": 1e-3}
 CONSTANTS |= {"TRUSTED_BAND": 0.9, "FLAT_SHARE": 0.05}
 # By so much warmer, the resistances of a cell are others.
 CONSTANTS |= {"WARM_K": 10.0}
-# Errors within this share of each other are called the same, and circuits nearly as good.
-CONSTANTS |= {"SAME": 0.01}
+CONSTANTS |= {"SAME": words.SAME}
 # Moving a start is worth a line where it lowers the error by more than this share.
 CONSTANTS |= {"APART": 0.1}
 

@@ -19,6 +19,8 @@ NOTHING = "–"
 NOT_DETERMINED = "not determined"
 # No more digits tell the ends of an interval from the value in it.
 FEWEST_DIGITS, MOST_DIGITS = 3, 5
+# Errors within this share of each other are called the same, and circuits nearly as good.
+SAME = 0.01
 # From here on a resistance is read in Ohm, as those of coin cells are.
 LARGE_OHM = 1.0
 # Rounded up, since a claim may not say more than was proved.

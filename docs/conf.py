@@ -14,7 +14,6 @@ import barnax
 HERE = Path(__file__).parent
 LONGEST_UNBROKEN = 26
 sys.path.insert(0, str(HERE))
-from pictures import draw_pictures  # noqa: E402
 from signatures import add_types, show_call  # noqa: E402
 
 REPOSITORY = HERE.parent
@@ -94,11 +93,6 @@ def copy_pages(app: Any) -> None:
         shutil.copy2(path, COPIES / "results" / path.name)
 
 
-def draw(app: Any) -> None:
-    """The guides' pictures."""
-    draw_pictures(COPIES / "pictures")
-
-
 def _write(path: Path, text: str) -> None:
     """Write only what differs, so that an unchanged page is not built again."""
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -148,6 +142,5 @@ def setup(app: Any) -> None:
     app.connect("autodoc-process-docstring", mark_code)
     app.connect("autodoc-process-signature", show_call)
     app.connect("builder-inited", copy_pages)
-    app.connect("builder-inited", draw)
     app.connect("source-read", point_at_copies)
     app.connect("doctree-resolved", mark_options)

@@ -1,10 +1,9 @@
-"""The pictures of the guides, drawn with the bundled cell while the site is built.
+"""The pictures of the guides, drawn with the bundled cell: `python docs/pictures.py`.
 
-`python docs/pictures.py FOLDER` draws them alone.
+They are kept in docs/pictures, where a reader of the files sees them too.
 """
 
 import json
-import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -218,16 +217,6 @@ PICTURES: dict[str, Callable[[], Figure]] = {
 }
 
 
-def draw_pictures(folder: Path) -> None:
-    """Draw every picture that is missing in a folder or older than the code that draws it."""
-    folder.mkdir(parents=True, exist_ok=True)
-    code = [Path(__file__), *Path(barnax.__file__).parent.rglob("*.py")]
-    newest = max(path.stat().st_mtime for path in code)
-    for name, draw in PICTURES.items():
-        path = folder / f"{name}.png"
-        if not path.is_file() or path.stat().st_mtime < newest:
-            path.write_bytes(encode(draw(), dpi=180))
-
-
 if __name__ == "__main__":
-    draw_pictures(Path(sys.argv[1]))
+    for name, draw in PICTURES.items():
+        (Path(__file__).with_name("pictures") / f"{name}.png").write_bytes(encode(draw(), dpi=120))

@@ -156,7 +156,8 @@ def test_the_examples_of_docstrings_run(name, tmp_path, monkeypatch):
 
 
 def build(folder):
-    pytest.importorskip("hatchling", reason="a wheel is built without isolation: needs hatchling")
+    for name in ("hatchling", "hatch_fancy_pypi_readme"):
+        pytest.importorskip(name, reason=f"a wheel is built without isolation: needs {name}")
     words = [sys.executable, "-m", "hatchling", "build", "-d", str(folder)]
     subprocess.run(words, cwd=REPOSITORY, check=True, capture_output=True, timeout=120)
 
@@ -186,6 +187,14 @@ def test_a_wheel_is_the_package_with_its_bundled_cells_and_licences(built):
     }
 
 
+def test_the_page_of_an_index_has_no_link_that_leads_nowhere_there(built):
+    (wheel,) = built.glob("*.whl")
+    (name,) = (n for n in zipfile.ZipFile(wheel).namelist() if n.endswith("/METADATA"))
+    page = zipfile.ZipFile(wheel).read(name).decode()
+    assert "# barnax" in page
+    assert not re.findall(r"\]\((?!https?:).*?\)", page)
+
+
 def test_an_sdist_has_what_builds_and_tests_it(built):
     (sdist,) = built.glob("*.tar.gz")
     with tarfile.open(sdist) as archive:
@@ -207,5 +216,5 @@ def test_the_conda_recipe_needs_what_the_package_needs():
     needed = {f"python{project['requires-python']}", *project["dependencies"]}
     assert {each.strip("-\n") for each in listed} == needed
     assert f'version: "{barnax.__version__}"' in recipe
-    (host,) = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["build-system"]["requires"]
-    assert f"    - {host.replace('>=', ' >=')}\n" in recipe
+    hosts = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["build-system"]["requires"]
+    assert all(f"    - {host.replace('>=', ' >=')}\n" in recipe for host in hosts)

@@ -125,7 +125,7 @@ def test_columns_are_the_way_out_for_what_nobody_knows(tmp_path, given):
     assert check_file(tmp_path / "cell.csv", columns=given).traits.samples == 300
 
 
-@pytest.mark.parametrize("given", ["strom=I", "nonsense", "time=", "time=a,amps=b", {"colour": "red"}])
+@pytest.mark.parametrize("given", ["strom=I", "junk", "time=", "time=a,amps=b", {"colour": "red"}])
 def test_columns_of_no_quantity_are_refused(given):
     with pytest.raises(InputError, match=r"^`columns`: .* write them as"):
         read_columns(given)

@@ -1,4 +1,4 @@
-"""`python -m benchmarks.planted` plants thirty faults, each alone in a copy of the tree, and prints
+"""`python -m benchmarks.planted` plants faults, each alone in a copy of the tree, and prints
 which the tests of its room catch: all of them. `--only NAME` plants one, `--list` names them."""
 
 import argparse
@@ -55,6 +55,7 @@ BOX = "tests/global_optimum/test_box_bound.py"
 TABLE_BOX = "tests/over_soc/test_bound_by_hand.py"
 DENSE = "tests/over_soc/test_dense.py"
 OFFSET = "tests/over_soc/test_current_offset.py"
+PROGRAMS = "tests/test_programs.py"
 
 FAULTS = (
     # The proof.
@@ -151,6 +152,16 @@ FAULTS = (
           DENSE),
     fault("spread of a Gaussian sum", "filters/kalman.py",
           "(variance + (mean - middle) ** 2)", "variance", "tests/filters/test_kalman.py"),
+    # Programs that are kept.
+    fault("source of a program", "programs.py",
+          "made_from = _source, versions", "made_from = versions", PROGRAMS),
+    fault("source edited while it ran", "programs.py",
+          "if _hash_source() == _source:", "if True:", PROGRAMS),
+    fault("values of a program", "programs.py",
+          "pickler.dump((function, jax.tree.map(described, arguments)))",
+          "pickler.dump((function, str(jax.tree.structure(arguments))))", PROGRAMS),
+    fault("another user's program", "programs.py",
+          "return status.st_uid == os.geteuid() and not", "return not", PROGRAMS),
 )  # fmt: skip
 
 

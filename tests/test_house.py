@@ -20,8 +20,8 @@ PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text
 # A module imports only from those left of its own, for types or when it is called too: the order in
 # which a record becomes a report.
 LAYERS = (
-    ("blas",),
-    ("display", "errors", "metrics", "execution", "devices"),
+    ("blas", "devices", "programs"),
+    ("display", "errors", "metrics", "execution"),
     ("notices", "files", "settings"),
     ("schema", "bundled", "records", "optimizers"),
     ("cell",),
@@ -51,7 +51,8 @@ GENERAL = {
     "metrics": set(),
     "errors": set(),
     "display": set(),
-    "execution": {"blas"},
+    "execution": {"blas", "programs"},
+    "programs": set(),
     "blas": set(),
     "devices": set(),
 }
@@ -63,6 +64,8 @@ READING = {
 }
 # Files within a file in memory.
 READING |= {"records/readers/content.py"}
+# The source that a program is made from, the processor, and what is kept.
+READING |= {"programs.py"}
 # The words of all that is told.
 READING |= {"notices.py"}
 # Where files are put in place whole.
@@ -189,8 +192,8 @@ def test_what_the_source_imports_is_declared_and_what_is_declared_is_imported():
     foreign = imported - sys.stdlib_module_names - optional - {"barnax"}
     needed = {distribution(providers[name][0]) for name in foreign}
     declared = {distribution(each) for each in PROJECT["project"]["dependencies"]}
-    # What pages of pydantic and of jinja2 import of their own, which they bring along.
-    assert needed - {"pydantic-core", "markupsafe"} == declared
+    # What pydantic, jinja2 and JAX bring along.
+    assert needed - {"pydantic-core", "markupsafe", "jaxlib"} == declared
 
 
 def test_no_modules_import_each_other_in_a_circle():
@@ -241,7 +244,9 @@ def test_only_the_command_line_names_its_flags():
 
 def test_only_the_command_line_writes_files():
     written = {"write_text", "write_bytes", "mkdir", "savefig", "unlink"}
-    assert [label(path) for path in outside("cli") if calls(path) & written] == [WRITING, DATASET]
+    writing = [label(path) for path in outside("cli") if calls(path) & written]
+    # Programs are written for this user alone.
+    assert writing == [WRITING, DATASET, "programs.py"]
 
 
 def test_few_files_read_files():

@@ -45,9 +45,15 @@ def main() -> None:
     gc.set_threshold(500_000, 20, 20)
     atexit.register(gc.freeze)
     from .devices import ONE_POOL, prefer_cpu, set_malloc
+    from .programs import of_command
 
     set_malloc(ONE_POOL)
     prefer_cpu()
+    with of_command():
+        _run()
+
+
+def _run() -> None:
     from .cli.app import app
     from .cli.session import as_flags
     from .errors import InputError

@@ -14,6 +14,7 @@ from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
+from . import programs
 from .blas import one_blas_thread
 
 P = ParamSpec("P")
@@ -80,9 +81,9 @@ def compile_for(function: Callable[..., Outcome], *arguments: Any) -> Callable[.
         lock = _making.setdefault(wanted, threading.Lock())
     with lock:
         if wanted not in _programs:
-            compiled = _compile(function, arguments)
+            program = _program(function, arguments)
             with _guard:
-                _programs[wanted] = compiled
+                _programs[wanted] = program
                 while len(_programs) > PROGRAMS_KEPT:
                     oldest = next(iter(_programs))
                     del _programs[oldest]
@@ -90,15 +91,31 @@ def compile_for(function: Callable[..., Outcome], *arguments: Any) -> Callable[.
         return _programs[wanted]
 
 
-def _compile(function: Callable[..., Outcome], arguments: Sequence[Any]) -> Callable[..., Outcome]:
+def _program(function: Callable[..., Outcome], arguments: Sequence[Any]) -> Callable[..., Outcome]:
     import equinox as eqx
     import jax
 
-    def compiled() -> Callable[..., Outcome]:
+    leaves, structure = jax.tree.flatten(arguments)
+    arrays, others = eqx.partition(leaves, eqx.is_array)
+
+    def compile_as(ending: str) -> Any:
+        def of_arrays(arrays: Sequence[Any]) -> Outcome:
+            return function(*jax.tree.unflatten(structure, eqx.combine(arrays, others)))
+
+        of_arrays.__name__ = getattr(function, "__name__", "program") + ending
+        return _compile(of_arrays, arrays)
+
+    program = programs.kept(function, arguments, compile_as)
+    return lambda *given: program(eqx.filter(jax.tree.leaves(given), eqx.is_array))
+
+
+def _compile(of_arrays: Callable[..., Any], arrays: Sequence[Any]) -> Any:
+    import jax
+
+    def compiled() -> Any:
         # A new function each time: JAX remembers what it traced of one that it knows.
         options: Any = {"compiler_options": _OPTIONS if _in_one_function.get() else None}
-        jitted: Any = eqx.filter_jit(functools.partial(function), **options)
-        return jitted.lower(*arguments).compile()
+        return jax.jit(functools.partial(of_arrays), **options).lower(arrays).compile()
 
     if jax.default_backend() != "cpu":
         return compiled()

@@ -1,0 +1,249 @@
+"""Compiled programs of a command, kept as executables from run to run.
+
+JAX's own cache spares a warm run compiling, but not tracing and lowering, a fifth of the time of
+`barnax identify`. So what XLA has made is kept in a file, whose name is a hash of all that it was
+made from: the source, versions, the processor, settings, the function, the shapes of its arrays and
+all other values. What that is can be said only in a process that barnax's command began, in which
+nothing else has run; any other has JAX's own cache alone.
+
+To load a program is to run what is in its file, so files and folder must be this user's, and nobody
+else's to write.
+"""
+
+import functools
+import hashlib
+import os
+import pickle
+import re
+import stat
+import sys
+import uuid
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from importlib import util
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+# In the folder of JAX's own cache.
+FOLDER = "barnax-programs"
+# The programs of about eighty runs.
+MOST_BYTES = 256 * 2**20
+# Packages whose functions are traced.
+TRACED = ("equinox", "jax", "jaxlib", "lineax", "numpy", "optimistix")
+# What a process has of barnax when its command begins.
+BEGUN = {f"barnax.{name}" for name in ("__main__", "devices", "display", "programs")}
+# Variables that change what is traced; and those by which XLA compiles otherwise, some from files:
+# with one of these nothing is kept.
+VARIABLES, FLAGS = ("EQX_", "JAX_"), ("XLA_", "TF_XLA_", "PJRT_", "NPROC")
+# What says which machine code a processor runs, and which of it compilers choose.
+PROCESSOR = re.compile(
+    r"^(?:vendor_id|cpu family|model|stepping|flags|CPU \w+|Features)\s*:.*", re.M
+)
+DIGEST_BYTES = hashlib.sha256().digest_size
+
+_source: str | None = None
+
+
+@contextmanager
+def of_command() -> Iterator[None]:
+    """Keep programs meanwhile: in a process that this begins, with nothing loaded that could have
+    been changed since."""
+    global _source
+    loaded = {name for name in sys.modules if name.startswith("barnax.")}
+    is_new = loaded <= BEGUN and not sys.modules.keys() & {*TRACED} and sys.gettrace() is None
+    with suppress(OSError):
+        _source = _hash_source() if is_new and sys.platform == "linux" else None
+    try:
+        yield
+    finally:
+        _source = None
+
+
+def _hash_source() -> str:
+    """A hash of barnax's source on the disk, and of the files of what it traces by their sizes and
+    times."""
+    digest, package = hashlib.sha256(), Path(__file__).parent
+    for path in sorted(package.rglob("*.py*")):
+        if path.parent.name != "__pycache__":
+            content = path.read_bytes()
+            digest.update(f"{path.relative_to(package)} {len(content)} ".encode() + content)
+    for name in TRACED:
+        spec = util.find_spec(name)
+        for folder in (spec and spec.submodule_search_locations) or ():
+            digest.update(repr(sorted(_files_of(folder))).encode())
+    return digest.hexdigest()
+
+
+def _files_of(folder: str) -> Iterator[tuple[str, int, int]]:
+    """Every file of Python or machine code below a folder, its size and when it was written."""
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            if entry.is_dir():
+                if entry.name not in ("__pycache__", "tests"):
+                    yield from _files_of(entry.path)
+            elif entry.name.endswith((".py", ".pyc", ".so")):
+                yield entry.path, entry.stat().st_size, entry.stat().st_mtime_ns
+
+
+def kept(
+    function: Callable[..., Any], arguments: Sequence[Any], compile_as: Callable[[str], Any]
+) -> Any:
+    """A function's program for arguments of these shapes and other values, kept or compiled; what
+    `compile_as` is given ends the name that JAX knows it by."""
+    path, program = None, None
+    # Of a JAX that has other settings nothing is kept.
+    with suppress(AttributeError, OSError):
+        path = _path_of(function, arguments)
+    content = b"" if path is None else _read(path)
+    if content:
+        program = _loaded(content)
+    elif content is None and path is not None:
+        # What JAX read from its own cache it would write in part, so that must not have this one.
+        ending = uuid.uuid4().hex
+        program = compile_as(ending)
+        _write(path, _content_of(program))
+        for other in path.parents[1].glob(f"*{ending}*"):
+            other.unlink(missing_ok=True)
+    if program is None:
+        # JAX's own cache has what cannot be kept, which is a file without content.
+        program = compile_as("")
+        if content and path is not None:
+            _write(path, b"")
+    return program
+
+
+def _path_of(function: Callable[..., Any], arguments: Sequence[Any]) -> Path | None:
+    """A program's file; None where none is kept."""
+    import jax
+    import jaxlib
+
+    settings: Any = jax.config
+    cache = settings.jax_enable_compilation_cache and settings.jax_compilation_cache_dir
+    has_flags = any(name.startswith(FLAGS) for name in os.environ)
+    # An address is left to JAX.
+    if _source is None or not cache or "://" in cache or has_flags:
+        return None
+    request, folder = _request(function, arguments), Path(cache) / FOLDER
+    if request is None or jax.default_backend() != "cpu" or not _is_ready(folder):
+        return None
+    variables = sorted(pair for pair in os.environ.items() if pair[0].startswith(VARIABLES))
+    in_thread = [
+        (name, getattr(settings, name, value))
+        for name, value in sorted(settings.values.items())
+        # Those of JAX's own cache change while it runs.
+        if not name.startswith("jax_persistent_cache")
+    ]
+    versions = sys.version, str(sys.flags), jax.__version__, jaxlib.__version__
+    cores = len(os.sched_getaffinity(0))
+    # In full: these are texts, bytes and numbers.
+    made_from = _source, versions, _processor(), cores, variables, in_thread, request
+    return folder / f"{hashlib.sha256(repr(made_from).encode()).hexdigest()}.program"
+
+
+def _request(function: Callable[..., Any], arguments: Sequence[Any]) -> bytes | None:
+    """A function and its arguments, arrays by their shapes, in bytes that differ if they do; None
+    where that is not possible, as for a function within another."""
+    import equinox as eqx
+    import jax
+
+    def described(leaf: Any) -> tuple[Any, ...]:
+        if not eqx.is_array(leaf):
+            return "value", leaf
+        return leaf.shape, str(leaf.dtype), getattr(leaf, "weak_type", False)
+
+    text = BytesIO()
+    pickler = pickle.Pickler(text)
+    # Equal values are equal bytes, whether or not they are one object.
+    pickler.fast = True
+    try:
+        pickler.dump((function, jax.tree.map(described, arguments)))
+    except (pickle.PicklingError, AttributeError, TypeError, ValueError):
+        return None
+    return text.getvalue()
+
+
+@functools.cache
+def _processor() -> list[str]:
+    """The processor, as Linux describes it."""
+    return sorted(set(PROCESSOR.findall(Path("/proc/cpuinfo").read_text(encoding="utf-8"))))
+
+
+@functools.cache
+def _is_ready(folder: Path) -> bool:
+    """True of a folder that programs can be written to, where the processor is described."""
+    with suppress(OSError):
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        is_own = _is_private(folder.lstat()) and not folder.is_symlink()
+        return is_own and os.access(folder, os.W_OK) and bool(_processor())
+    return False
+
+
+def _is_private(status: os.stat_result) -> bool:
+    """True for what belongs to this user and has no right to write for others."""
+    return status.st_uid == os.geteuid() and not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+
+
+def _read(path: Path) -> bytes | None:
+    """The content of a file; None where there is none that this user has written whole."""
+
+    def opened(name: str, flags: int) -> int:
+        return os.open(name, flags | os.O_NOFOLLOW | os.O_NONBLOCK)
+
+    with suppress(OSError), open(path, "rb", opener=opened) as file:
+        if _is_private(os.fstat(file.fileno())):
+            # What is used stays longest.
+            os.utime(file.fileno())
+            digest, content = file.read(DIGEST_BYTES), file.read()
+            return content if digest == hashlib.sha256(content).digest() else None
+    return None
+
+
+def _loaded(content: bytes) -> Any:
+    """The program of a file; None where JAX does not load it."""
+    try:
+        import numpy as np
+        from jax.experimental import serialize_executable
+        from jaxlib import lapack
+
+        # As lowering does: a program that calls LAPACK crashes without.
+        lapack.prepare_lapack_call("potrf", np.float64)
+        return serialize_executable.deserialize_and_load(*pickle.loads(content))
+    except Exception:
+        return None
+
+
+def _content_of(program: Any) -> bytes:
+    """The content of a program's file; empty where JAX does not write it, as one that has
+    callbacks, or where its values would not be themselves again."""
+    try:
+        from jax.experimental import serialize_executable
+
+        content = pickle.dumps(serialize_executable.serialize(program))
+        return content if pickle.loads(content)[2] == program.out_tree else b""
+    except Exception:
+        return b""
+
+
+def _write(path: Path, content: bytes) -> None:
+    """Write a program's file whole, unless the source was edited meanwhile or the disk is full."""
+    written = path.with_name(uuid.uuid4().hex)
+    with suppress(OSError):
+        try:
+            if _hash_source() == _source:
+                written.touch(0o600)
+                written.write_bytes(hashlib.sha256(content).digest() + content)
+                written.replace(path)
+                _remove_oldest(path.parent)
+        finally:
+            written.unlink(missing_ok=True)
+
+
+def _remove_oldest(folder: Path) -> None:
+    """Delete the programs that were not used for longest, where all are too large."""
+    files = [(path.lstat().st_mtime, path.lstat().st_size, path) for path in folder.iterdir()]
+    total = 0
+    for _, size, path in sorted(files, reverse=True):
+        total += size
+        if total > MOST_BYTES:
+            path.unlink(missing_ok=True)

@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float, Int
 
 from ..cell.parameters import ANYWHERE
 from ..cell.tables import hats
-from ..execution import as_input, in_float64, threads
+from ..execution import as_input, compile_for, in_float64, threads
 from .exponentials import Span
 from .layout import (
     NEGLIGIBLE_V,
@@ -372,5 +372,6 @@ def answer_block(
 
     clock = np.asarray(intervals.node_s), np.asarray(intervals.node), np.asarray(intervals.offset_s)
     form = intervals.is_even, intervals.has_offsets
-    after, answers = respond_all(as_input(tau), as_input(state), np.asarray(held), *clock, *form)
+    given = as_input(tau), as_input(state), as_input(held), *clock, *form
+    after, answers = compile_for(respond_all, *given)(*given)
     return np.asarray(after), np.asarray(answers)

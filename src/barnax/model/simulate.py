@@ -312,8 +312,7 @@ class Pair:
         return state + gain * (held_a - state)
 
 
-# Of arrays alone: flattening a module took longer than the program.
-@partial(jax.jit, static_argnums=(6, 7))
+# Of arrays alone: flattening a module took longer than the program. It is compiled by its caller.
 def respond_all(tau, state, held, node_s, node, offset_s, is_even: bool, has_offsets: bool):
     intervals = Intervals(node_s, node, offset_s, is_even, has_offsets)
     each = partial(respond, held=held, intervals=intervals)

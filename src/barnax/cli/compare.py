@@ -5,12 +5,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Annotated
 
 import barnax
 
 from .. import reporting
 from ..errors import InputError
-from .options import Given, group, options_of, options_of_job
+from .options import Given, options_of, options_of_job
 from .output import DEFAULT_FOLDER, Output, drawn_files
 from .session import Session
 
@@ -18,9 +19,23 @@ from .session import Session
 SHOWN = {*("Circuits", "Verdict", "Parameters", "Search"), *("Identification", "Validation")}
 
 
-@group
-class Comparing:
-    """Options of a comparison.
+def compare(
+    *,
+    job: Annotated[Given, options_of("files", "records", "search", "setup")],
+    models: str | None = None,
+    methods: str | None = None,
+    record: Path | None = None,
+    output: Output,
+    live: bool = False,
+    paper: bool = False,
+) -> None:
+    """Compare circuits and methods on one cell, in a report.
+
+    First the usual circuits and tables over SOC, each the best of its kind. Then
+    methods, with the same data, bounds, budget and key: a row is a method's own
+    answer, before refinement.
+
+    Without arguments, it runs the paper's five rows on the bundled cell.
 
     Arguments:
         record (RECORD): Dynamic record to identify on. For a folder or a plan, files are chosen as
@@ -31,52 +46,32 @@ class Comparing:
         methods (NAME,NAME): Methods, each with every circuit: ls, rls, wrls, rls-ekf, dual-ukf,
             n4sid, varpro, lm, pso-lm, de, or any that barnax optimizers lists.
     """
-
-    job: Given = options_of("files", "records", "search", "setup")
-    models: str | None = None
-    methods: str | None = None
-    record: Path | None = None
-    output: Output
-    live: bool = False
-    paper: bool = False
-
-
-def compare(options: Comparing) -> None:
-    """Compare circuits and methods on one cell, in a report.
-
-    First the usual circuits and tables over SOC, each the best of its kind. Then
-    methods, with the same data, bounds, budget and key: a row is a method's own
-    answer, before refinement.
-
-    Without arguments, it runs the paper's five rows on the bundled cell.
-    """
-    record, run = options.record, options.output.begun(DEFAULT_FOLDER)
+    run = output.begun(DEFAULT_FOLDER)
     from ..comparison import PAPER_ROWS
 
-    rows = chosen_rows(options.models, options.methods, PAPER_ROWS)
-    job = barnax.ComparisonJob(
-        [record] if record else [], **options_of_job(options.job), rows=rows, watch=run.watch
-    )
-    plan = barnax.plan.plan_of(job)
+    rows, records = chosen_rows(models, methods, PAPER_ROWS), [record] if record else []
+    asked = barnax.ComparisonJob(records, **options_of_job(job), rows=rows, watch=run.watch)
+    plan = barnax.plan.plan_of(asked)
     if plan is not None:
         if plan.command == "hppc":
             raise InputError(f"{record}: a pulse test is identified by barnax hppc, not compared")
         plan = plan.on_one
         run.show_document(reporting.wording.document("planned", plan=plan))
-        job = barnax.plan.planned(plan, job)
-    total = sum(1 if barnax.METHODS[method].is_deterministic else job.seeds for _, method in rows)
+        asked = barnax.plan.planned(plan, asked)
+    are_drawn = (not barnax.METHODS[method].is_deterministic for _, method in rows)
+    total = sum(asked.seeds if is_drawn else 1 for is_drawn in are_drawn)
     with run.watch("Comparing", total) as advance:
         # Every stage is timed; its seeds advance the one bar that there is.
-        job = job.changed(watch=lambda name, total=0: run.timed(name, advance))
-        result = barnax.compare_files(job)
+        asked = asked.changed(watch=lambda name, total=0: run.timed(name, advance))
+        result = barnax.compare_files(asked)
     seconds = {row.name: run.seconds[row.name] for row in result.rows}
     figures = reporting.illustrations.comparison_illustrations
-    draw = partial(figures, result, live=options.live)
+    draw = partial(figures, result, live=live)
     document_of = partial(reporting.comparison.comparison_document, result, seconds=seconds)
-    files = partial(drawn_files, draw, document_of, True, options.paper)
+    files = partial(drawn_files, draw, document_of, True, paper)
     run.deliver({"comparison.json": result.to_json()}, files)
     document = reporting.comparison.comparison_document(result, (), seconds)
-    if not options.output.verbose:
+    if not output.verbose:
         sections = (each for each in document.sections if each.title.partition(":")[0] in SHOWN)
         document = replace(document, sections=tuple(sections))
     run.show_document(document)

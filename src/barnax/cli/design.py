@@ -10,16 +10,33 @@ import barnax
 from .. import reporting
 from ..errors import InputError
 from ..settings import Window
-from .options import group
 from .output import PLAN, Output, new_run
 
 # The record of a designed test, next to its plan.
 RECORD = "record.csv"
 
 
-@group
-class Cell:
-    """Knowledge of the cell.
+def design(
+    *,
+    result: Path | None = None,
+    data: list[Path] | None = None,
+    capacity: float | None = None,
+    chemistry: str | None = None,
+    want: list[str] | None = None,
+    max_hours: float | None = None,
+    low_voltage: float | None = None,
+    high_voltage: float | None = None,
+    max_discharge: str | None = None,
+    max_charge: str | None = None,
+    max_warming: float | None = None,
+    temperature: float | None = None,
+    output: Output,
+) -> None:
+    """Design the next test of a cell.
+
+    The test is the shortest that narrows the intervals to what is wanted. Writes
+    the steps as CSV, as a profile, as a PyBaMM experiment and as text for a
+    cycler's editor, with the intervals that they are predicted to reach.
 
     Arguments:
         result ([RESULT]): The folder that identify wrote, or its result.json: what it determines
@@ -29,17 +46,6 @@ class Cell:
         capacity (AH): Capacity (default: the result's).
         chemistry (nmc|lfp): Typical cell without a result (default: nmc), or beyond the SOC that it
             knows.
-    """
-
-    result: Path | None = None
-    data: list[Path] | None = None
-    capacity: float | None = None
-    chemistry: str | None = None
-
-
-@group
-class Test:
-    """The aim of the test, and the limits that it must keep.
 
     Test:
         want (NAME=HALF): Half the 95 % interval that is wanted from 10 to 90 % SOC, such as R0=2%,
@@ -57,39 +63,21 @@ class Test:
         max_warming (K): How much the test may warm the cell in moving air (default: no limit).
         temperature (DEGC): Temperature of the test.
     """
-
-    want: list[str] | None = None
-    max_hours: float | None = None
-    low_voltage: float | None = None
-    high_voltage: float | None = None
-    max_discharge: str | None = None
-    max_charge: str | None = None
-    max_warming: float | None = None
-    temperature: float | None = None
-
-
-def design(cell: Cell, test: Test, output: Output) -> None:
-    """Design the next test of a cell.
-
-    The test is the shortest that narrows the intervals to what is wanted. Writes
-    the steps as CSV, as a profile, as a PyBaMM experiment and as text for a
-    cycler's editor, with the intervals that they are predicted to reach.
-    """
-    run = output.begun("barnax-design", *filter(None, [cell.result]))
+    run = output.begun("barnax-design", *filter(None, [result]))
     from ..experiment.prior import prior_of
 
     with run.watch("Looking at the records"):
-        stored = (
-            None if cell.result is None else barnax.Result.load(cell.result, data=cell.data or ())
-        )
-        earlier = _earlier(cell.result)
-        prior = prior_of(stored, cell.capacity, cell.chemistry, test.temperature)
-    rates = {name: _rate(name, vars(test)[name]) for name in ("max_discharge", "max_charge")}
+        stored = None if result is None else barnax.Result.load(result, data=data or ())
+        earlier = _earlier(result)
+        prior = prior_of(stored, capacity, chemistry, temperature)
+    given = {"max_discharge": max_discharge, "max_charge": max_charge}
+    rates = {name: _rate(name, text) for name, text in given.items() if text is not None}
+    voltages = {"low_voltage": low_voltage, "high_voltage": high_voltage}
+    limits: dict[str, Any] = {"max_hours": max_hours, "max_warming": max_warming}
+    limits |= rates | voltages
     with run.watch("Designing"):
-        asked: dict[str, Any] = {**vars(test), **rates, "want": _wanted(test.want)}
-        test_design = barnax.design(prior, **asked)
-    chosen = [name for name, rate in rates.items() if rate is not None]
-    run.show_document(reporting.design.planned_screen(prior, chosen))
+        test_design = barnax.design(prior, want=_wanted(want), **limits, temperature=temperature)
+    run.show_document(reporting.design.planned_screen(prior, list(rates)))
     run.show_document(reporting.design.design_screen(test_design))
     if not test_design.is_needed:
         # A folder that nobody asked for would hold no test.
@@ -101,7 +89,7 @@ def design(cell: Cell, test: Test, output: Output) -> None:
         files = reporting.design_forms.design_files(test_design)
         return files | {"figures/design.png": barnax.plots.encode(test_design.figure())}
 
-    plan = barnax.plan_to_toml(plan_after(test_design, earlier, cell.capacity))
+    plan = barnax.plan_to_toml(plan_after(test_design, earlier, capacity))
     run.deliver({"design.json": test_design.to_json(), PLAN: plan}, files)
     if run.folder is not None:
         names = ["steps.csv", "profile.csv", "experiment_pybamm.py", "procedure.txt", "figures"]
@@ -176,10 +164,8 @@ def _wanted(texts: Sequence[str] | None) -> dict[str, float] | Literal["hppc"] |
     return wanted
 
 
-def _rate(name: str, text: str | None) -> float | list[tuple[float, float]] | None:
+def _rate(name: str, text: str) -> float | list[tuple[float, float]]:
     """A rate, or pairs of SOC and rate."""
-    if text is None:
-        return None
     try:
         if "=" not in text:
             return float(text)

@@ -5,7 +5,7 @@ import json
 import os
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -14,7 +14,7 @@ import barnax
 from .. import reporting
 from ..errors import InputError, printable
 from ..settings import Reading
-from .options import Given, group, options_of
+from .options import Given, options_of
 from .output import require_free_file, tell_unfinished, write_file
 from .session import Session, shown
 
@@ -28,9 +28,18 @@ SCHEMA_VERSION = 1
 FINDINGS = 1
 
 
-@group
-class Checked:
-    """The files to check, and what is printed of them.
+def check(
+    *,
+    files: list[Path],
+    capacity: float | None = None,
+    rest_current: float | None = None,
+    read: Annotated[Given, options_of("reading")],
+    as_json: bool = False,
+    quiet: bool = False,
+) -> None:
+    """List the problems in measured files, and how to fix them.
+
+    Exit status: 0 for notes only, 1 for errors or warnings, 2 for a file that is not a table.
 
     Arguments:
         files (FILE): Files from a cycler, or folders of them; - is standard input.
@@ -44,31 +53,17 @@ class Checked:
         as_json (--json): Print the findings as JSON.
         quiet (--quiet -q): Print no tables and no notes; findings go to stderr, one per line.
     """
-
-    files: list[Path]
-    capacity: float | None = None
-    rest_current: float | None = None
-    read: Given = options_of("reading")
-    as_json: bool = False
-    quiet: bool = False
-
-
-def check(what: Checked) -> None:
-    """List the problems in measured files, and how to fix them.
-
-    Exit status: 0 for notes only, 1 for errors or warnings, 2 for a file that is not a table.
-    """
-    session = Session(is_quiet=what.quiet or what.as_json)
+    session = Session(is_quiet=quiet or as_json)
     with session.watch("Loading"):
         from ..inputs import require_records
         from ..records import read_source
         from ..records.source import files_of, name_of
 
-    for name, unit in (("capacity", "Ah"), ("rest_current", "A")):
-        if (value := getattr(what, name)) is not None and not value > 0:
+    for name, value, unit in ("capacity", capacity, "Ah"), ("rest_current", rest_current, "A"):
+        if value is not None and not value > 0:
             raise InputError(f"`{name}` {value} {unit} must be positive")
-    how, wording = Reading(**what.read), reporting.wording.wording
-    chosen = {"capacity_ah": what.capacity, "rest_current_a": what.rest_current}
+    how, wording = Reading(**read), reporting.wording.wording
+    chosen = {"capacity_ah": capacity, "rest_current_a": rest_current}
     checks, unreadable = [], []
     listed: list[dict[str, Any]] = []
 
@@ -76,14 +71,14 @@ def check(what: Checked) -> None:
         unreadable.append(str(problem))
         listed.append({"file": printable(path.name), "unreadable": printable(str(problem))})
 
-    files: list[Path] = []
-    for given in what.files:
+    each: list[Path] = []
+    for given in files:
         try:
-            files += files_of([given])
+            each += files_of([given])
         except InputError as problem:
-            refuse(Path(given), problem)
-    require_records(how.lags_s, {name_of(path) for path in (*what.files, *files)})
-    for file in files:
+            refuse(given, problem)
+    require_records(how.lags_s, {name_of(path) for path in (*files, *each)})
+    for file in each:
         try:
             with session.watch(f"Looking at {file.name}"):
                 source = read_source(file, **how.of_tables)
@@ -94,10 +89,10 @@ def check(what: Checked) -> None:
         checks.append(check)
         listed.append(check.to_dict())
         session.show_document(reporting.wording.document("check", check=check))
-        if what.quiet:
+        if quiet:
             findings = (finding for finding in check.findings if finding.counts)
-            session.warn(wording("decisions.finding", check.file, each) for each in findings)
-    if what.as_json:
+            session.warn(wording("decisions.finding", check.file, one) for one in findings)
+    if as_json:
         document = {"schema_version": SCHEMA_VERSION, "files": listed}
         typer.echo(json.dumps(document, indent=1, ensure_ascii=False))
     session.show([wording("decisions.counts", checks, len(unreadable))])
@@ -107,9 +102,21 @@ def check(what: Checked) -> None:
         raise typer.Exit(FINDINGS)
 
 
-@group
-class Converted:
-    """The file to convert, and the format it is converted to.
+def convert(
+    *,
+    files: list[Path],
+    to: Literal["bdf"] = "bdf",
+    out: Path | None = None,
+    read: Annotated[Given, options_of("reading")],
+    force: bool = False,
+    quiet: bool = False,
+) -> None:
+    """Convert a cycler file to SI units, one clock, charge positive.
+
+    Several files become one record: a log that was cut into them, in their order.
+
+    Its origin, and what was decided and changed, is in the metadata of the
+    Parquet file, or in a JSON file beside the CSV.
 
     Arguments:
         files (FILE...): File from a cycler, or several that one log was cut into, in order; - is
@@ -119,36 +126,19 @@ class Converted:
         to: Format: the Battery Data Format.
         out (FILE): File to write, .parquet or .csv (default: the name of FILE with .bdf.parquet).
     """
-
-    files: list[Path]
-    to: Literal["bdf"] = "bdf"
-    out: Path | None = None
-    read: Given = options_of("reading")
-    force: bool = False
-    quiet: bool = False
-
-
-def convert(what: Converted) -> None:
-    """Convert a cycler file to SI units, one clock, charge positive.
-
-    Several files become one record: a log that was cut into them, in their order.
-
-    Its origin, and what was decided and changed, is in the metadata of the
-    Parquet file, or in a JSON file beside the CSV.
-    """
-    session, file = Session(is_quiet=what.quiet), what.files[0]
+    session, file = Session(is_quiet=quiet), files[0]
     with session.watch("Loading"):
         from ..inputs import require_records
         from ..records import read_source
         from ..records.log import joined
 
     stem = file.name.split(".")[0] if file.name != "-" else "record"
-    path = what.out or Path(f"{stem}.{what.to}.parquet")
-    require_free_file(path, what.force, what.files)
+    path = out or Path(f"{stem}.{to}.parquet")
+    require_free_file(path, force, files)
     if path.name.lower().endswith(".csv"):
         # Where its origin goes.
         origin = path.with_name(f"{path.name[:-4]}.json")
-        require_free_file(origin, what.force)
+        require_free_file(origin, force)
         if origin.exists() and b'"written by": "barnax ' not in origin.read_bytes():
             raise InputError(
                 f"{origin}: would be replaced by the origin of {path.name}, and is another file; "
@@ -156,8 +146,8 @@ def convert(what: Converted) -> None:
             )
     tell_unfinished(session, path.parent)
     with session.watch(f"Reading {file.name}"):
-        how = Reading(**what.read)
-        sources = [read_source(path, **how.of_tables) for path in what.files]
+        how = Reading(**read)
+        sources = [read_source(path, **how.of_tables) for path in files]
         source = joined(sources)
         require_records(how.lags_s, {source.name})
         # A current that is moved to the voltage's moments is no longer the file's.
@@ -174,9 +164,19 @@ def convert(what: Converted) -> None:
     session.show([f"Battery Data Format, {record.samples:,} samples: [bold]{shown(path)}[/bold]"])
 
 
-@group
-class ExportChoices:
-    """The target of an export, and whether it is simulated there.
+def export(
+    *,
+    result: Path,
+    to: str,
+    out: Path | None = None,
+    force: bool = False,
+    verify: bool = False,
+    quiet: bool = False,
+) -> None:
+    """Export an identified circuit to another tool.
+
+    What the tool cannot represent is named on stderr and, if the format has
+    comments, in the file.
 
     Output:
         to (pybamm|thevenin|simscape|c-header|csv|xlsx|json|c-filter): The tool or format to export
@@ -187,31 +187,16 @@ class ExportChoices:
         verify: Simulate the exported circuit in PyBaMM or thevenin, and print the largest
             difference from barnax.
     """
-
-    result: Path
-    to: str
-    out: Path | None = None
-    force: bool = False
-    verify: bool = False
-    quiet: bool = False
-
-
-def export(chosen: ExportChoices) -> None:
-    """Export an identified circuit to another tool.
-
-    What the tool cannot represent is named on stderr and, if the format has
-    comments, in the file.
-    """
-    session, result = Session(is_quiet=chosen.quiet), chosen.result
+    session = Session(is_quiet=quiet)
     # PyBaMM would ask, and then report, what it is used for.
     os.environ.setdefault("PYBAMM_DISABLE_TELEMETRY", "true")
     session.load_jax()
-    exporter = barnax.export.get_exporter(chosen.to)
-    if chosen.verify:
+    exporter = barnax.export.get_exporter(to)
+    if verify:
         barnax.export.require_package(exporter)
     file = result / "result.json" if result.is_dir() else result
-    path = chosen.out or file.with_name(exporter.file_name)
-    require_free_file(path, chosen.force, [file])
+    path = out or file.with_name(exporter.file_name)
+    require_free_file(path, force, [file])
     if not path.suffix:
         ending = Path(exporter.file_name).suffix
         raise InputError(f"{path}: has no ending; give `out` a name that ends in {ending}")
@@ -219,7 +204,7 @@ def export(chosen: ExportChoices) -> None:
     stored = barnax.Result.load(result)
     content, caveats = exporter.write(stored)
     verification = None
-    if chosen.verify:
+    if verify:
         with session.watch(f"Simulating in {exporter.package}"):
             verification = barnax.export.verify(stored, exporter, content)
     write_file(path, content)

@@ -6,17 +6,17 @@ import signal
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import field, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import barnax
 
 from .. import reporting
 from ..errors import InputError, as_keys, counted
 from ..files import changed_ns, is_address, located, replacing
-from .options import Given, group, options_of, options_of_job
+from .options import Given, options_of, options_of_job
 from .output import Output, drawn_files, page_of, tell_unfinished
 from .session import Session, as_flags, require_platform, shown
 
@@ -30,9 +30,34 @@ MAX_LISTED = 50
 MOST_PAGES = 20
 
 
-@group
-class FleetOptions:
-    """Options of a fleet.
+def fleet(
+    *,
+    manifest: str | None = None,
+    fleet: str | None = None,
+    group: str = "id",
+    addresses: list[str] | None = None,
+    files: Annotated[Given, options_of("files")],
+    of_records: Annotated[Given, options_of("records")],
+    search: Annotated[Given, options_of("model", "method", "seeds", "key", "fix", "tables")],
+    trust: Literal["none", "basic"] = "basic",
+    bounds: Path | None = None,
+    cell: Path | None = None,
+    workers: Annotated[int | None, {"min": 1}] = None,
+    scheduler: str | None = None,
+    shard: str | None = None,
+    retry: bool = False,
+    dry_run: bool = False,
+    out: str = "barnax-fleet",
+    keep_results: bool = False,
+    keep_factors: Literal["tables", "constants"] | None = None,
+    ageing: bool = False,
+    quiet: bool = False,
+) -> None:
+    """Identify many cells, into one dataset with a row per cell.
+
+    If it is interrupted, the same command continues where it stopped. If a
+    cell cannot be identified, its row says why. Options on files and records
+    apply to cells whose row does not set them.
 
     Arguments:
         manifest ([MANIFEST]): Table in CSV, Parquet or TOML with one row per cell: id, records, ocv
@@ -66,101 +91,59 @@ class FleetOptions:
             50 % SOC of each row's records.
         quiet (--quiet -q): Print nothing but warnings.
     """
-
-    manifest: str | None = None
-    fleet: str | None = None
-    group: str = "id"
-    addresses: list[str] | None = None
-    files: Given = options_of("files")
-    of_records: Given = options_of("records")
-    search: Given = options_of("model", "method", "seeds", "key", "fix", "tables")
-    trust: Literal["none", "basic"] = "basic"
-    bounds: Path | None = None
-    cell: Path | None = None
-    workers: int | None = field(default=None, metadata={"min": 1})
-    scheduler: str | None = None
-    shard: str | None = None
-    retry: bool = False
-    dry_run: bool = False
-    out: str = "barnax-fleet"
-    keep_results: bool = False
-    keep_factors: Literal["tables", "constants"] | None = None
-    ageing: bool = False
-    quiet: bool = False
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """Settings that hold for every cell."""
-        kept = {name: getattr(self, name) for name in ("keep_results", "keep_factors", "ageing")}
-        kept = {name: value for name, value in kept.items() if value}
-        return {"seeds": 0, "trust": self.trust, **options_of_job(self.search), **kept}
-
-    @property
-    def defaults(self) -> dict[str, Any]:
-        """Values for what a row of the manifest leaves empty."""
-        given = dict(self.files)
-        for name in {"ocv", "validate"} & given.keys():
-            given[name] = [path.absolute() for path in given[name]]
-        given |= {name: values[-1] for name, values in self.of_records.items()}
-        for name in ("bounds", "cell"):
-            if path := getattr(self, name):
-                given[name] = path.absolute()
-        return given
-
-
-def fleet(given: FleetOptions) -> None:
-    """Identify many cells, into one dataset with a row per cell.
-
-    If it is interrupted, the same command continues where it stopped. If a
-    cell cannot be identified, its row says why. Options on files and records
-    apply to cells whose row does not set them.
-    """
-    session, wording = Session(is_quiet=given.quiet), reporting.wording.wording
+    session, wording = Session(is_quiet=quiet), reporting.wording.wording
     from ..fleet.engine import identify_fleet, prepare_process
     from ..fleet.manifest import read_manifest
 
-    where = given.manifest or given.fleet
-    if where is None or (given.manifest and given.fleet):
+    where = manifest or fleet
+    if where is None or (manifest and fleet):
         raise InputError("give a manifest, or the folder of a fleet with `from`")
-    out, manifest = located(given.out), located(where)
+    folder, origin = located(out), located(where)
     lines = list[str]()
-    if given.manifest:
-        problems = lines if given.dry_run else None
-        cells, carried = read_manifest(where, given.defaults, given.addresses or (), problems)
-    elif manifest.resolve() == out.resolve():
-        raise InputError(f"{out}: is the fleet that is regrouped; give `out` another folder")
+    if manifest:
+        # What a row leaves empty; paths in a manifest are relative to it.
+        defaults = {**files, **{name: values[-1] for name, values in of_records.items()}}
+        for name in {"ocv", "validate"} & files.keys():
+            defaults[name] = [path.absolute() for path in files[name]]
+        defaults |= {"bounds": bounds and bounds.absolute(), "cell": cell and cell.absolute()}
+        problems = lines if dry_run else None
+        cells, carried = read_manifest(where, defaults, addresses or (), problems)
+    elif origin.resolve() == folder.resolve():
+        raise InputError(f"{folder}: is the fleet that is regrouped; give `out` another folder")
     else:
         from ..fleet.dataset import regrouped
 
-        columns = tuple(name.strip() for name in given.group.split(","))
+        columns = tuple(name.strip() for name in group.split(","))
         cells, carried = regrouped(where, columns), columns
-    records = sum(len(cell.records) for cell in cells)
+    records = sum(len(one.records) for one in cells)
     there = f"{counted(len(cells), 'row')}, {counted(records, 'record')}"
     session.note(f"{there}; copied to the dataset: {', '.join(carried)}" if carried else there)
     prepare_process()
     # Loads JAX, which no exception may stop.
     from ..fleet.rows import job_of
 
-    settings = given.settings
+    kept = {"keep_results": keep_results, "keep_factors": keep_factors, "ageing": ageing}
+    settings = {"seeds": 0, "trust": trust, **options_of_job(search)}
+    settings |= {name: value for name, value in kept.items() if value}
     _ = job_of(settings)
-    if given.dry_run:
+    if dry_run:
         lines = list(map(as_keys, lines))
         with session.watch("Checking", len(cells)) as advance:
-            for cell in cells:
-                lines += reporting.fleet.problem_lines([cell], settings)
+            for one in cells:
+                lines += reporting.fleet.problem_lines([one], settings)
                 advance(1)
         session.show(map(shown, lines[:MAX_LISTED]))
         if lines:
-            raise InputError(f"{manifest}: {counted(len(lines), 'problem')} to correct")
+            raise InputError(f"{origin}: {counted(len(lines), 'problem')} to correct")
         return
     from ..fleet.dataset import FACTORS, RESULTS, parse_shard
 
     require_platform()
-    page = out / "report.html"
-    kept = {RESULTS: given.keep_results, FACTORS: given.keep_factors}
+    page = folder / "report.html"
+    written = [page, *[folder / RESULTS] * keep_results, *[folder / FACTORS] * bool(keep_factors)]
     # A shard's have its number in their names.
-    if not (any(out.glob("cells*.parquet")) or any(out.glob("parts*"))):
-        for path in (page, *(out / name for name, is_kept in kept.items() if is_kept)):
+    if not (any(folder.glob("cells*.parquet")) or any(folder.glob("parts*"))):
+        for path in written:
             if path.exists():
                 raise InputError(f"{path}: is of no fleet; give `out` another folder")
     started_s = time.perf_counter()
@@ -170,21 +153,24 @@ def fleet(given: FleetOptions) -> None:
             remark = wording("fleet.progress", state, time.perf_counter() - started_s)
             update(completed=state.finished + state.skipped, remark=shown(remark))
 
-        shard = parse_shard(given.shard) if given.shard else None
-        engine = {name: getattr(given, name) for name in ("workers", "scheduler", "retry")}
-        state = identify_fleet(cells, out, settings=settings, shard=shard, report=report, **engine)
+        part = parse_shard(shard) if shard else None
+        engine: dict[str, Any] = {"workers": workers, "scheduler": scheduler, "retry": retry}
+        state = identify_fleet(
+            cells, folder, settings=settings, shard=part, report=report, **engine
+        )
     # Parts, factors and results are folders in it.
-    for folder in (out, *filter(Path.is_dir, out.iterdir())) if isinstance(out, Path) else ():
-        tell_unfinished(session, folder)
+    if isinstance(folder, Path):
+        for inside in (folder, *filter(Path.is_dir, folder.iterdir())):
+            tell_unfinished(session, inside)
     lines = [wording("fleet.done", state, session.elapsed_s)]
     # Shards run at the same time: the command that joins them writes the report.
-    if given.shard:
-        lines += [wording("fleet.of_shard", given.shard), str(out)]
+    if shard:
+        lines += [wording("fleet.of_shard", shard), str(folder)]
     else:
-        is_old = not page.exists() or changed_ns(page) < changed_ns(manifest)
+        is_old = not page.exists() or changed_ns(page) < changed_ns(origin)
         with session.watch("Writing the report"):
-            lines.append(_summed_up(cells, settings, out, write=is_old or state.finished > 0))
-        lines.append(f"{out}/report.html   cells.parquet")
+            lines.append(_summed_up(cells, settings, folder, write=is_old or state.finished > 0))
+        lines.append(f"{folder}/report.html   cells.parquet")
     session.show(shown(as_flags(line)) for line in lines)
 
 
@@ -234,9 +220,22 @@ def _summed_up(
     return sentence
 
 
-@group
-class LifeOptions:
-    """The dataset, and which of its columns say what.
+def life(
+    *,
+    dataset: str,
+    by: str | None = None,
+    age: str | None = None,
+    throughput: str | None = None,
+    false_alarms: float = 0.005,
+    cell: list[str] | None = None,
+    key: int = 0,
+    output: Output,
+) -> None:
+    """Show how a fleet's cells age, and flag outliers.
+
+    Trends of capacity, resistances and OCV have 95 % intervals, are smooth in age
+    and pooled over the fleet. What the records do not determine is said, not
+    guessed.
 
     Arguments:
         dataset (DATASET): Folder that barnax fleet --ageing wrote, or its address.
@@ -251,39 +250,20 @@ class LifeOptions:
         cell (NAME): A page of this cell too; repeatable (default: of those that are odd).
         key (N): Random key of the fleets without faults.
     """
-
-    dataset: str
-    by: str | None = None
-    age: str | None = None
-    throughput: str | None = None
-    false_alarms: float = 0.005
-    cell: list[str] | None = None
-    key: int = 0
-
-
-def life(given: LifeOptions, output: Output) -> None:
-    """Show how a fleet's cells age, and flag outliers.
-
-    Trends of capacity, resistances and OCV have 95 % intervals, are smooth in age
-    and pooled over the fleet. What the records do not determine is said, not
-    guessed.
-    """
-    dataset = given.dataset
     inputs = [] if is_address(dataset) else [Path(dataset)]
     run = output.begun("barnax-life", *inputs, with_jax=False)
     with run.watch("Fitting trends"):
         from ..fleet.summary import read_fleet
         from ..life import life_of
 
-        if not 0 < given.false_alarms < 1:
-            raise InputError(f"`false_alarms` {given.false_alarms:g}: give a rate such as 0.005")
-        asked = given.age, given.by, given.throughput, given.false_alarms, given.key
-        trends = life_of(read_fleet(dataset), *asked)
-    unknown = [name for name in given.cell or () if name not in trends.cells]
+        if not 0 < false_alarms < 1:
+            raise InputError(f"`false_alarms` {false_alarms:g}: give a rate such as 0.005")
+        trends = life_of(read_fleet(dataset), age, by, throughput, false_alarms, key)
+    unknown = [name for name in cell or () if name not in trends.cells]
     if unknown:
         raise InputError(f"`cell` {unknown[0]!r}: no cell of {dataset} is called so")
     odd = list(dict.fromkeys(fault.cell for fault in trends.faults))[:MOST_PAGES]
-    pages = dict.fromkeys([*(given.cell or ()), *odd])
+    pages = dict.fromkeys([*(cell or ()), *odd])
 
     def files() -> dict[str, bytes]:
         table = io.BytesIO()

@@ -5,7 +5,7 @@ import threading
 from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import typer
 
@@ -28,9 +28,10 @@ class Identification:
         design (FOLDER): Compare the intervals that this barnax design promised with those reached.
     """
 
-    job: Given = options_of(
-        "files", "records", "model", "trust", "setup", "method", "search", "tables"
-    )
+    job: Annotated[
+        Given,
+        options_of("files", "records", "model", "trust", "setup", "method", "search", "tables"),
+    ]
     report: bool = False
     live: bool = False
     design: Path | None = None
@@ -38,9 +39,13 @@ class Identification:
     output: Output
 
 
-@group
-class Records:
-    """The records to identify on.
+def identify(
+    *, options: Identification, records: list[Path] | None = None, plan: bool = False
+) -> None:
+    """Identify the circuit of a cell, and say how good it is.
+
+    Writes result.json, figures and the plan that repeats the run. Without
+    arguments, it identifies the bundled cell.
 
     Arguments:
         records ([RECORD]...): Dynamic record to identify on; several give one circuit for all of
@@ -51,34 +56,11 @@ class Records:
         plan: Only print the plan, as TOML: what would be done with which file. identify accepts it
             instead of the folder.
     """
-
-    records: list[Path] | None = None
-    plan: bool = False
-
-
-@group
-class PulseTests:
-    """The pulse tests to identify on.
-
-    Arguments:
-        records ([RECORD]...): Pulse test (HPPC); several give one circuit. Without any, the bundled
-            cell's test at 25 degC is used, and its drive cycles for validation.
-    """
-
-    records: list[Path] | None = None
-
-
-def identify(options: Identification, on: Records) -> None:
-    """Identify the circuit of a cell, and say how good it is.
-
-    Writes result.json, figures and the plan that repeats the run. Without
-    arguments, it identifies the bundled cell.
-    """
-    if on.plan:
-        return _print_plan(options, on.records or [])
-    if on.records and all(is_factor_file(path) for path in on.records):
-        return _fit_factors(options, on.records)
-    _run("identify", options, on.records or [])
+    if plan:
+        return _print_plan(options, records or [])
+    if records and all(is_factor_file(path) for path in records):
+        return _fit_factors(options, records)
+    _run("identify", options, records or [])
 
 
 def _fit_factors(options: Identification, paths: list[Path]) -> None:
@@ -118,13 +100,17 @@ def _print_plan(options: Identification, records: list[Path]) -> None:
     typer.echo(barnax.plan_to_toml(plan), nl=False)
 
 
-def hppc(options: Identification, on: PulseTests) -> None:
+def hppc(*, options: Identification, records: list[Path] | None = None) -> None:
     """Identify tables over SOC from a pulse test (HPPC).
 
     Every pulse's resistances are printed too. Pulses, rests, capacity and OCV
     come from the test itself; --ocv sets another OCV.
+
+    Arguments:
+        records ([RECORD]...): Pulse test (HPPC); several give one circuit. Without any, the bundled
+            cell's test at 25 degC is used, and its drive cycles for validation.
     """
-    _run("hppc", options, on.records or [])
+    _run("hppc", options, records or [])
 
 
 def _run(
@@ -257,9 +243,19 @@ def _with_record(plan: "barnax.Plan", name: str) -> list[str]:
     return [] if is_given or plan.window != barnax.Window() else words
 
 
-@group
-class OfPack:
-    """The file of a pack, and its cells.
+def pack(
+    *,
+    record: Path,
+    cells: str | None = None,
+    separate_time_constants: bool = False,
+    job: Annotated[Given, options_of("files", "records", "tables")],
+    output: Output,
+) -> None:
+    """Identify every cell of a pack, and flag outliers.
+
+    Prints resistances, capacity and SOC relative to the mean cell. Writes
+    cells.csv, a fleet's dataset of them, a figure, and the mean cell's
+    result.json.
 
     Arguments:
         record (FILE): Record with one current and many cell voltages.
@@ -269,26 +265,12 @@ class OfPack:
             (default: those that are numbered alike).
         separate_time_constants: Let every cell have its own, instead of the mean cell's.
     """
-
-    record: Path
-    cells: str | None = None
-    separate_time_constants: bool = False
-    job: Given = options_of("files", "records", "tables")
-
-
-def pack(on: OfPack, output: Output) -> None:
-    """Identify every cell of a pack, and flag outliers.
-
-    Prints resistances, capacity and SOC relative to the mean cell. Writes
-    cells.csv, a fleet's dataset of them, a figure, and the mean cell's
-    result.json.
-    """
-    if "validate" in on.job:
+    if "validate" in job:
         raise InputError("`validate` does nothing for a pack, whose record is the only one")
-    run = output.begun("barnax-pack", on.record, *on.job.get("ocv", ()))
-    given = {name: value for name, value in options_of_job(on.job).items() if name != "over"}
-    of_cells = {"cells": on.cells, "separate_time_constants": on.separate_time_constants}
-    identified = barnax.identify_pack(on.record, **of_cells, **given, watch=run.watch)
+    run = output.begun("barnax-pack", record, *job.get("ocv", ()))
+    given = {name: value for name, value in options_of_job(job).items() if name != "over"}
+    given |= {"cells": cells, "separate_time_constants": separate_time_constants}
+    identified = barnax.identify_pack(record, **given, watch=run.watch)
     run.show_document(reporting.fleet.pack_document(identified))
 
     def draw() -> dict[str, bytes]:
@@ -296,7 +278,7 @@ def pack(on: OfPack, output: Output) -> None:
         from ..fleet.rows import pack_rows
 
         return {
-            "cells.parquet": rows_bytes(pack_rows(identified, on.record.stem)),
+            "cells.parquet": rows_bytes(pack_rows(identified, record.stem)),
             "figures/cells.png": barnax.plots.encode(identified.figure()),
         }
 

@@ -1,20 +1,20 @@
-"""Options of the commands, made of dataclasses: types and defaults, and help from docstrings.
+"""Options of the commands, made of their signatures: types and defaults, and help from docstrings.
 
-A group is a dataclass whose docstring has a section for each panel of the help, with a line `NAME
-(SPELLING): help` for each field: flags begin with a dash, and the rest is how a value is called.
-Fields of the panel "Arguments" are words without a name. What several groups have is explained in
-`Shared`; options of a job are those of `barnax.identify`, from `settings.py`.
+The parameters of a command are its options, and those that several commands share are a dataclass.
+The docstring of either has a section for each panel of the help, with a line `NAME (SPELLING):
+help` for each: flags begin with a dash, and the rest is how a value is called. Parameters of the
+panel "Arguments" are words without a name. What several commands have is explained in `Shared`;
+options of a job are those of `barnax.identify`, from `settings.py`.
 
 Help is one screen. Where all options take more, it has the usual ones with the first words on each,
 and `--help-all` has every one by its panel. What is for research alone is no option: it is a key
 of a plan, or an argument in Python.
 """
 
-import functools
 import inspect
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import MISSING, dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, is_dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, dataclass_transform, get_args, get_type_hints
 
@@ -45,8 +45,6 @@ PANELS = {
 }
 # Types of values that are read as they are.
 PLAIN = {int, float, str, bool, type(None)}
-# The metadata of a field with the options that it is made of.
-DECLARED = "declared"
 SECTION = re.compile(r"^(\S.*):\n((?:    .*\n?)+)", re.M)
 ENTRY = re.compile(r"    (\w+)(?: \(([^()]*)\))?: (.*(?:\n {8}.*)*)")
 # Lines of a screen, and where the first words on an option end.
@@ -66,15 +64,15 @@ SPELLED: dict[Any, str] = {
 
 
 class Entry(NamedTuple):
-    """A field as a docstring explains it."""
+    """A parameter as a docstring explains it."""
 
     panel: str
     spelling: str
     help: str
 
 
-def documented(kind: type) -> dict[str, Entry]:
-    """The fields that a class's docstring explains, by name."""
+def documented(kind: Any) -> dict[str, Entry]:
+    """The parameters that a docstring explains, by name."""
     return {
         name: Entry(panel, spelling, " ".join(text.split()))
         for panel, section in SECTION.findall(inspect.cleandoc(kind.__doc__ or ""))
@@ -99,9 +97,9 @@ def _parameter(name: str, hint: Any, default: Any, entry: Entry, **more: Any) ->
     )
 
 
-@dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(field,))
+@dataclass_transform(frozen_default=True, kw_only_default=True)
 def group(cls: Any) -> Any:
-    """A dataclass of arguments, options, flags and other groups."""
+    """A dataclass of parameters that commands share."""
     return dataclass(frozen=True, kw_only=True)(cls)
 
 
@@ -147,18 +145,26 @@ class Paths:
     fix: list[str] | None = None
 
 
-def _parameters(kind: type) -> Iterator[inspect.Parameter]:
-    """The options of a group and of the groups in it, in their order."""
-    hints, entries = get_type_hints(kind), documented(Shared) | documented(kind)
-    for member in fields(kind):
-        name, more = member.name, dict(member.metadata)
-        if DECLARED in more:
-            yield from more[DECLARED].values()
-        elif is_dataclass(hints[name]):
-            yield from _parameters(hints[name])
+def _members(kind: Any) -> Iterator[tuple[str, Any, Any, Any]]:
+    """Of every parameter of a command or a group: name, type, default, and what `Annotated` adds,
+    such as the options of `Given`."""
+    hints, annotated = get_type_hints(kind), get_type_hints(kind, include_extras=True)
+    for name, member in inspect.signature(kind).parameters.items():
+        (more,) = getattr(annotated[name], "__metadata__", [{}])
+        yield name, hints[name], member.default, more
+
+
+def _parameters(kind: Any) -> Iterator[inspect.Parameter]:
+    """The options of a command or a group, and of the groups in it, in their order."""
+    entries = documented(Shared) | documented(kind)
+    for name, hint, default, more in _members(kind):
+        if hint == Given:
+            yield from more.values()
+        elif is_dataclass(hint):
+            yield from _parameters(hint)
         else:
-            default = ... if member.default is MISSING else member.default
-            yield _parameter(name, hints[name], default, entries[name], **more)
+            default = ... if default is inspect.Parameter.empty else default
+            yield _parameter(name, hint, default, entries[name], **more)
 
 
 def _of_job() -> Iterator[inspect.Parameter]:
@@ -197,11 +203,10 @@ RARE = {"design", "live", "paper", "as_json", "addresses", "group", "scheduler",
 RARE |= {*OF_JOB} - USUAL
 
 
-def options_of(*names: str) -> Any:
-    """Options of a job, or `GROUPS` of them, in a group, which gets those that were given, by
-    name."""
-    every = [option for name in names for option in GROUPS.get(name, (name,))]
-    return field(metadata={DECLARED: {name: OF_JOB[name] for name in every}})
+def options_of(*names: str) -> dict[str, inspect.Parameter]:
+    """Options of a job, or `GROUPS` of them, which a parameter `Given` gets, by name, as far as
+    they were given."""
+    return {name: OF_JOB[name] for group in names for name in GROUPS.get(group, (group,))}
 
 
 class Command(TyperCommand):
@@ -220,30 +225,29 @@ class Command(TyperCommand):
 
     def get_help(self, ctx: Any) -> str:
         """All options where they take a screen at most or are asked for, else the usual ones."""
-        whole = self._help(ctx, is_whole=True)
-        is_whole = ctx.meta.get("help_all") or whole.count("\n") < LINES
-        return whole if is_whole else self._help(ctx, is_whole=False)
+        whole = super().get_help(ctx)
+        if ctx.meta.get("help_all") or whole.count("\n") < LINES:
+            return whole
+        ctx.meta["is short"] = True
+        return super().get_help(ctx)
 
-    def _help(self, ctx: Any, is_whole: bool) -> str:
-        formatter = ctx.make_formatter()
-        self.format_usage(ctx, formatter)
-        self.format_help_text(ctx, formatter)
-        panels: dict[str, list[tuple[str, str]]] = {ARGUMENTS: []}
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """The options by panel, the short help in one with the first words on each."""
+        is_short, panels = "is short" in ctx.meta, {ARGUMENTS: list[tuple[str, str]]()}
         for shown in self.get_params(ctx):
             flags = "/".join([", ".join(sorted(shown.opts)), *shown.secondary_opts])
             is_argument = shown.param_type_name == "argument"
             text, metavar = getattr(shown, "help", None) or "", shown.metavar or ""
             words = metavar if is_argument else f"{flags} {metavar}".strip()
             panel = getattr(shown, "rich_help_panel", None) or "Output"
-            if not is_whole:
+            if is_short:
                 panel = panel if is_argument else "Options"
                 text = FIRST_WORDS.split(text)[0]
-            if is_whole or shown.name not in RARE:
+            if not (is_short and shown.name in RARE):
                 panels.setdefault(panel, []).append((words, text))
         for panel in filter(panels.get, panels):
             with formatter.section(panel):
                 formatter.write_dl(panels[panel])
-        return formatter.getvalue().rstrip()
 
 
 def _print_all(context: typer.Context, is_asked: bool) -> None:
@@ -254,31 +258,29 @@ def _print_all(context: typer.Context, is_asked: bool) -> None:
 
 
 def grouped(command: Callable[..., None]) -> Callable[..., None]:
-    """The command, whose parameters are groups, as Typer wants it: spelled out field by field."""
-    groups = get_type_hints(command)
-    groups.pop("return")
+    """The command as Typer wants it, its groups spelled out parameter by parameter."""
 
-    @functools.wraps(command)
     def spread(**given: Any) -> None:
-        command(**{name: _made(kind, given) for name, kind in groups.items()})
+        _called(command, given)
 
     of_help = documented(Shared)["help_all"]
-    spelled = [parameter for of in groups.values() for parameter in _parameters(of)]
+    spelled = [*_parameters(command)]
     spelled += [_parameter("help_all", bool, False, of_help, callback=_print_all, is_eager=True)]
+    spread.__name__ = command.__name__
+    spread.__doc__, *_ = SECTION.split(inspect.getdoc(command) or "")
     spread.__signature__ = inspect.Signature(spelled)  # pyrefly: ignore
     spread.__annotations__ = {parameter.name: parameter.annotation for parameter in spelled}
     return spread
 
 
-def _made(kind: Any, given: Given) -> Any:
-    hints, values = get_type_hints(kind), {}
-    for member in fields(kind):
-        name, declared = member.name, member.metadata.get(DECLARED)
-        if declared is not None:
-            values[name] = {each: given[each] for each in declared if given[each] not in (None, [])}
+def _called(kind: Any, given: Given) -> Any:
+    """A command or a group, called with its part of what was given."""
+    values = {}
+    for name, hint, _, more in _members(kind):
+        if hint == Given:
+            values[name] = {each: given[each] for each in more if given[each] not in (None, [])}
         else:
-            of_group = is_dataclass(hints[name])
-            values[name] = _made(hints[name], given) if of_group else given[name]
+            values[name] = _called(hint, given) if is_dataclass(hint) else given[name]
     return kind(**values)
 
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -38,8 +38,8 @@ class ResultOnRecord:
 
     result: Path
     record: Path
-    of_records: Given = options_of("records")
-    read: Given = options_of("reading")
+    of_records: Annotated[Given, options_of("records")]
+    read: Annotated[Given, options_of("reading")]
     whole_record: bool = False
 
     def meeting(self, stored: "barnax.Result") -> "tuple[Source, Window | None]":
@@ -63,9 +63,12 @@ class ResultOnRecord:
         return source, window and merged(window, given)
 
 
-@group
-class ShownResults:
-    """One result, or several.
+def show(*, results: list[Path], whole: bool = False, choice: bool = False) -> None:
+    """Print a result, or several side by side with what differs.
+
+    Of one result it is the first screen with its warnings, as identify printed it,
+    without the plan and the next step. Of two cells, two ages or two temperatures:
+    the parameters with their intervals, and which differ beyond them.
 
     Arguments:
         results (RESULT...): The folder that identify wrote, or its result.json; two or more are
@@ -75,30 +78,17 @@ class ShownResults:
         whole (--all): Print every decision, table and warning.
         choice: Show how the circuit was chosen, and no more.
     """
-
-    results: list[Path]
-    whole: bool = False
-    choice: bool = False
-
-
-def show(of: ShownResults) -> None:
-    """Print a result, or several side by side with what differs.
-
-    Of one result it is the first screen with its warnings, as identify printed it,
-    without the plan and the next step. Of two cells, two ages or two temperatures:
-    the parameters with their intervals, and which differ beyond them.
-    """
     session, warnings = Session(is_quiet=False), list[Notice]()
-    if len(of.results) > 1:
-        document = barnax.show(*of.results, names=_names(of.results)).document
+    if len(results) > 1:
+        document = barnax.show(*results, names=_names(results)).document
     else:
-        stored = barnax.Result.load(of.results[0])
-        if of.choice and not stored.tried:
-            raise InputError(f"{of.results[0]}: its circuit was asked for, so none was chosen")
+        stored = barnax.Result.load(results[0])
+        if choice and not stored.tried:
+            raise InputError(f"{results[0]}: its circuit was asked for, so none was chosen")
         document_of = reporting.first_screen.first_screen
-        if of.choice:
+        if choice:
             document_of = reporting.identification.choice_document
-        elif of.whole:
+        elif whole:
             document_of = reporting.identification.identification_document
         else:
             warnings += stored.warnings
@@ -114,40 +104,36 @@ def _names(paths: list[Path]) -> tuple[str, ...]:
     return names if len({*names}) == len(names) else tuple(map(str, paths))
 
 
-@group
-class Errors:
-    """The form in which errors on a record are printed.
+def validate(
+    *,
+    on: ResultOnRecord,
+    as_json: bool = False,
+    report: Path | None = None,
+    force: bool = False,
+    quiet: bool = False,
+) -> None:
+    """Print the errors of an identified circuit on another record.
+
+    The window of a record that the result is of applies, unless options
+    change it; of another record all is simulated.
 
     Output:
         as_json (--json): Print the errors as JSON.
         report (FILE): Also write the errors and their figures, as HTML.
     """
-
-    as_json: bool = False
-    report: Path | None = None
-    force: bool = False
-    quiet: bool = False
-
-
-def validate(on: ResultOnRecord, output: Errors) -> None:
-    """Print the errors of an identified circuit on another record.
-
-    The window of a record that the result is of applies, unless options
-    change it; of another record all is simulated.
-    """
-    session = Session(is_quiet=output.quiet or output.as_json)
+    session = Session(is_quiet=quiet or as_json)
     session.load_jax()
     from ..result_parts import MetricsBlock
 
     sentences = reporting.wording.sentences
-    if output.report is not None:
-        require_free_file(output.report, output.force)
+    if report is not None:
+        require_free_file(report, force)
     stored = barnax.Result.load(on.result)
     record, window = on.meeting(stored)
     with session.watch("Simulating"):
         evaluation = stored.validate(record, window, **on.read)
     metrics = evaluation.metrics
-    if output.as_json:
+    if as_json:
         block = MetricsBlock(identification=metrics, validation=())
         # Of a voltage that stays the same there is no R2: JSON says null, and has no NaN.
         plain = json.loads(block.model_dump_json(by_alias=True))["identification"]
@@ -156,10 +142,10 @@ def validate(on: ResultOnRecord, output: Errors) -> None:
     session.show([reporting.terminal.terminal_table(table)])
     moved = sentences("starts.moved", metrics)
     session.show([shown(reporting.words.capitalized(text)) for text in moved])
-    if output.report is not None:
+    if report is not None:
         with session.watch("Drawing figures"):
-            write_file(output.report, _validation_page(evaluation, table, stored.answer))
-        session.show(["", f"  {shown(output.report)}"])
+            write_file(report, _validation_page(evaluation, table, stored.answer))
+        session.show(["", f"  {shown(report)}"])
     degc = evaluation.prepared.temperature_degc
     basis = sentences("tables.prediction", stored.fits, on.record.name, degc)
     session.show([shown(text) for text in basis])
@@ -176,9 +162,21 @@ def _validation_page(
     return page_of(reporting.document.Page(f"{answer} on {record}", "", (errors,)))
 
 
-@group
-class FilterOptions:
-    """The filter that replays the record, and the parameters it estimates.
+def soc(
+    *,
+    on: ResultOnRecord,
+    filter: Literal["sum", "ekf", "ukf"] = "sum",
+    estimate: str = "offset,capacity",
+    tables: bool = True,
+    report: bool = False,
+    paper: bool = False,
+    output: Output,
+) -> None:
+    """Replay a record through a Kalman filter that tracks its SOC.
+
+    The filter runs from a right start, from starts 20 % too low and too high,
+    with a current offset, and with a wrong capacity. The window of a
+    record that the result is of applies, unless options change it.
 
     Filter:
         filter (sum|ekf|ukf): Gaussian sum of extended Kalman filters, one extended or one unscented
@@ -187,26 +185,11 @@ class FilterOptions:
             tau1 and so on; '' for none.
         tables (--tables/--no-tables): Use the tables over SOC if the result has them, or not.
     """
-
-    filter: Literal["sum", "ekf", "ukf"] = "sum"
-    estimate: str = "offset,capacity"
-    tables: bool = True
-    report: bool = False
-    paper: bool = False
-
-
-def soc(on: ResultOnRecord, chosen: FilterOptions, output: Output) -> None:
-    """Replay a record through a Kalman filter that tracks its SOC.
-
-    The filter runs from a right start, from starts 20 % too low and too high,
-    with a current offset, and with a wrong capacity. The window of a
-    record that the result is of applies, unless options change it.
-    """
     run = output.begun("barnax-soc", on.result, on.record)
     stored = barnax.Result.load(on.result)
     record, window = on.meeting(stored)
-    names = tuple(name.strip() for name in chosen.estimate.split(",") if name.strip())
-    settings = barnax.FilterSettings(chosen.filter, names, tables=chosen.tables)
+    names = tuple(name.strip() for name in estimate.split(",") if name.strip())
+    settings = barnax.FilterSettings(filter, names, tables=tables)
     with run.watch("Replaying"):
         replay = barnax.replay_soc(stored, record, window, settings, **on.read)
     document_of = partial(reporting.replay.replay_document, replay)
@@ -215,16 +198,25 @@ def soc(on: ResultOnRecord, chosen: FilterOptions, output: Output) -> None:
         plot = barnax.plots.plot_soc_replay
         return [reporting.illustrations.illustrate("soc", replay.record, plot, replay)]
 
-    draw = partial(drawn_files, drawn, document_of, chosen.report, chosen.paper)
+    draw = partial(drawn_files, drawn, document_of, report, paper)
     run.deliver({"soc.json": replay.to_json()}, draw)
     run.show_document(reporting.replay.soc_screen(replay))
     run.show_written([PAGE, "soc.json", "figures"])
     run.warn(replay.warnings)
 
 
-@group
-class Stored:
-    """A stored result, and the file for its page.
+def report(
+    *,
+    result: Path,
+    out: Path | None = None,
+    data: list[Path] | None = None,
+    live: bool = False,
+    force: bool = False,
+) -> None:
+    """Write the report of a stored result as one HTML page.
+
+    The figures of identify and hppc are drawn again from the measured files. Where
+    those are not found, and for compare and soc, figures over time are left out.
 
     Arguments:
         result (RESULT): The folder that identify, hppc, compare, soc or fleet wrote, or its
@@ -233,33 +225,18 @@ class Stored:
     Output:
         out (FILE): The page (default: report.html next to the result).
     """
-
-    result: Path
-    out: Path | None = None
-    data: list[Path] | None = None
-    live: bool = False
-    force: bool = False
-
-
-def report(of: Stored) -> None:
-    """Write the report of a stored result as one HTML page.
-
-    The figures of identify and hppc are drawn again from the measured files. Where
-    those are not found, and for compare and soc, figures over time are left out.
-    """
-    folder = of.result if of.result.is_dir() else of.result.parent
-    out = of.out or folder / PAGE
-    require_free_file(out, of.force)
+    page = out or (result if result.is_dir() else result.parent) / PAGE
+    require_free_file(page, force)
     session = Session(is_quiet=False)
     with session.watch("Writing the report"):
-        document, missing = _document(_file_of(of.result), of.data or (), of.live)
+        document, missing = _document(_file_of(result), data or (), live)
         if missing:
             left_out = f"{document.summary} Figures over time are left out: {missing}."
             document = replace(document, summary=left_out.strip())
-        add_file(out, page_of(document))
+        add_file(page, page_of(document))
     if missing:
         session.warn([f"figures over time are left out: {missing}"])
-    session.show([str(out)])
+    session.show([str(page)])
 
 
 def _file_of(path: Path) -> Path:

@@ -239,12 +239,12 @@ class Bench:
         best, best_gain, index = None, 0.0, 0
         for ladder, more in richer:
             gain = self._gain(chosen, more)
-            outcome = self._outcome(chosen, more, gain)
+            outcome = self._outcome(chosen, more, gain, best_gain)
             self.tried.append(_tried(ladder, more, gain, outcome))
             richer_still = [point for _, point in self.limits.rungs(best.point)] if best else []
             if best is not None and more.point in richer_still:
                 # What it adds to the other one has to be worth it.
-                outcome = self._outcome(best, more, self._gain(best, more))
+                outcome = self._outcome(best, more, self._gain(best, more), 0.0)
             if outcome == "less gain" and gain.value > best_gain:
                 best, best_gain, index = more, gain.value, len(self.tried) - 1
         if best is not None:
@@ -256,13 +256,14 @@ class Bench:
         assert richer.loss is not None, "blocks are held out"
         return self.policy.gain(simpler.loss, richer.loss)
 
-    def _outcome(self, chosen: Fitted, more: Fitted, gain: Gain) -> Outcome:
-        """What becomes of a richer circuit, unless no other gains more."""
+    def _outcome(self, chosen: Fitted, more: Fitted, gain: Gain, best_gain: float) -> Outcome:
+        """What becomes of a richer circuit, unless no other gains more; where one does, what it
+        adds need not be determined."""
         if not self._is_worth(chosen, more, gain):
             return "no gain"
         if not chosen.point.has_rate and self._is_like_ocv(more):
             return "like the OCV"
-        if not self._is_determined(chosen.point, more):
+        if gain.value > best_gain and not self._is_determined(chosen.point, more):
             return "not determined"
         is_other = self.limits.is_asked and more.point.circuit != chosen.point.circuit
         is_law = self.limits.laws is not None and more.point.law != chosen.point.law
@@ -295,9 +296,10 @@ class Bench:
         widest = 10.0**self.policy.widest
         return all(one.low and one.high and one.high < widest * one.low for one in intervals)
 
-    def _laws(self, chosen: Fitted, laws: Sequence[str]) -> Iterator[tuple[Ladder, Fitted]]:
-        """The same circuit with one law more, each at the time constants that it fits best with."""
-        law = chosen.point.law
+    def _laws(self, chosen: Fitted, laws: Sequence[str]) -> list[tuple[Ladder, Fitted]]:
+        """The same circuit with one law more, each at the time constants that it fits best with;
+        first the one that gains most, for those behind it need not be determined."""
+        law, richer = chosen.point.law, list[tuple[Ladder, Fitted]]()
         for what in laws:
             proposed = propose(chosen.objective, chosen.best, what)
             if proposed is None or (law and proposed[0].numbers.keys() == law.numbers.keys()):
@@ -307,7 +309,8 @@ class Bench:
             held = held_at(chosen.objective.ranges, proposed[1])
             objective = reduced_objective(self.records_of(point), settings, held)
             best = objective.solve(proposed[1], exact=True)
-            yield "law", Fitted(point, objective, best, self._loss(objective, best))
+            richer.append(("law", Fitted(point, objective, best, self._loss(objective, best))))
+        return sorted(richer, key=lambda each: -self._gain(chosen, each[1]).value)
 
     def _all_prepared(self, point: Point) -> Sequence[PreparedRecord]:
         """The records made ready for circuits with such a hysteresis."""

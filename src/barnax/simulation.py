@@ -17,7 +17,7 @@ from .model.prepared import prepare_record
 from .model.reference import simulate_circuit
 from .model.window import OCV_MARGIN, SAME_FULL, Window
 from .notices import Notice
-from .records import Decision, Record, source_from_frame
+from .records import Record, source_from_frame
 from .records.table import take_lines
 from .results import Result
 
@@ -192,20 +192,9 @@ def simulate_current(
             f"{time_s[far[0]]:g} s (sample {far[0]}), but its OCV and the records identified on "
             f"reach from {lowest:.3f} to {highest:.3f} only; {REMEDY}, or end before"
         )
-    given = Decision("forward", "given", "made so")
-    record = Record(
-        name=NAME,
-        time_s=time_s,
-        current_a=current_a,
-        # Nothing is measured here; a simulation does not look at it.
-        voltage_v=cell.average_ocv_v(soc),
-        temperature_degc=measured_degc,
-        step=None,
-        row=np.arange(len(soc)) + 2,
-        sign=replace(given, value="discharge-positive"),
-        hold=given,
-        sha256="",
-    )
+    # Nothing is measured here; a simulation does not look at the voltage.
+    signals = time_s, current_a, cell.average_ocv_v(soc)
+    record = Record.of_load(NAME, *signals, temperature_degc=measured_degc)
     prepared = prepare_record(record, cell, result.model, window, is_measured=False)
     return Simulated(simulate_circuit(prepared, circuit), soc)
 

@@ -14,16 +14,11 @@ from scipy.linalg import toeplitz
 import barnax
 from barnax.errors import InputError
 from barnax.experiment import Block
-from barnax.experiment.information import Seconds, columns_along, information_of, widths_of
+from barnax.experiment.information import columns_of, information_of, widths_of
 from barnax.experiment.prior import prior_of_chemistry
 from barnax.experiment.protocol import sampled, voltage_along
-from barnax.model.prepared import prepare_record
-from barnax.model.window import Window
-from barnax.over_soc.intervals import linearized
-from barnax.over_soc.problem import held_at, reduced_objective
 from barnax.reporting.design_forms import procedure, profile_csv, pybamm_steps, steps_csv
 from helpers.designs import quick_design
-from helpers.reference import make_record
 
 LIMITS: dict[str, Any] = {"max_discharge": 2.0, "max_charge": 1.0}
 PULSED = {**LIMITS, "capacity": 2.0, "max_hours": 1.8, "want": {"R0": 0.01}}
@@ -49,8 +44,8 @@ def prior():
 
 
 def test_columns_are_the_derivatives_of_the_voltage(prior):
-    current_a = np.repeat([0.0, 3.0, -1.0, 0.5], 40)
-    columns, _ = columns_along(prior, current_a, 0.62)
+    test = prior.loaded(np.repeat([0.0, 3.0, -1.0, 0.5], 40), 0.62)
+    columns = columns_of(prior, test)
     nodes = prior.settings.nodes
     for row in range(1 + prior.tables.pairs):
         place = row * len(nodes) + nodes.index(0.6)
@@ -59,35 +54,32 @@ def test_columns_are_the_derivatives_of_the_voltage(prior):
             moved = prior.tables.ohm[row]
             moved[nodes.index(0.6)] += step
             tables = prior.tables.with_tables({prior.tables.resistances[row]: moved})
-            changed.append(voltage_along(replace(prior, tables=tables), current_a, 0.62)[0])
+            changed.append(voltage_along(replace(prior, tables=tables), test))
         slope = (changed[0] - changed[1]) / 2e-3
         np.testing.assert_allclose(columns[:, place], -slope, atol=1e-9)
 
 
-def test_columns_are_those_that_intervals_of_a_fit_are_of(prior):
-    current_a = np.repeat([0.0, 3.0, -1.0, 0.5], 40)
-    columns, _ = columns_along(prior, current_a, 0.62)
-    record = make_record(np.arange(len(current_a)), current_a)
-    window = Window(initial_soc=0.62)
-    prepared = prepare_record(record, prior.cell, "so-rc", window, is_measured=False)
-    log_scales = tuple(np.log(prior.tables.tau_s).tolist())
-    held = held_at(prior.tables.named_tau_s, log_scales)
-    settings = replace(prior.settings, folds=0)
-    objective = reduced_objective([prepared], settings, held)
-    found = objective.solve(log_scales)
-    tables = (prior.values[places] for places in prior.tables_of_names.values())
-    found = replace(found, values=tuple(tables))
-    with jax.enable_x64(True):
-        fitted = np.concatenate([rows for rows, *_ in linearized(objective, found)])
-    own = columns[prepared.scored, : len(prior.names)]
-    np.testing.assert_allclose(own, fitted, atol=1e-11)
+def test_columns_are_the_derivatives_by_time_constants_and_the_ocv(prior):
+    test, step = prior.loaded(np.repeat([0.0, 3.0, -1.0, 0.5], 40), 0.62), 1e-4
+    columns = columns_of(prior, test)[:, : len(prior.names)]
+    for pair, (name, tau_s) in enumerate(prior.tables.named_tau_s.items()):
+        voltages_v = []
+        for sign in (1, -1):
+            scales = {**prior.tables.scales, name: tau_s * np.exp(sign * step)}
+            moved = replace(prior, tables=replace(prior.tables, scales=scales))
+            voltages_v.append(voltage_along(moved, test))
+        slope = (voltages_v[0] - voltages_v[1]) / (2 * step)
+        np.testing.assert_allclose(columns[:, pair - prior.tables.pairs], -slope, atol=1e-9)
+    of_ocv = columns[:, prior.tables_of_names["OCV [V]"]]
+    np.testing.assert_allclose(of_ocv.sum(axis=1), -1.0, atol=1e-12)
 
 
 @pytest.mark.parametrize(("time_s", "tolerance"), [(0, 1e-12), (10, 1e-12), (200, 5e-3)])
 def test_the_noise_of_products_is_that_of_the_whole_covariance(prior, time_s, tolerance):
-    columns, _ = columns_along(prior, np.repeat([0.0, 2.0, -1.0], 400), 0.5)
+    test = prior.loaded(np.repeat([0.0, 2.0, -1.0], 400), 0.5)
+    columns = columns_of(prior, test)
     error = replace(prior.error, noise=((time_s, 3e-3),))
-    found = information_of(replace(prior, error=error), columns)
+    found = information_of(replace(prior, error=error), test)
     lags = np.arange(len(columns))
     covariance = toeplitz(9e-6 * (np.exp(-lags / time_s) if time_s else lags == 0))
     own = columns[:, : len(prior.names)]
@@ -100,8 +92,9 @@ def test_the_error_on_a_drive_is_that_of_fits_to_cells_that_are_no_circuits(prio
     quiet = replace(prior, error=replace(prior.error, noise=(), left_out=2.0))
     test_a, drive_a = (np.repeat(rng.uniform(-2, 4, 300), 20) for _ in range(2))
     count = len(quiet.names)
-    (on_test, _), (on_drive, _) = (columns_along(quiet, each, 1.0) for each in (test_a, drive_a))
-    found = information_of(quiet, on_test)
+    test, drive = (quiet.loaded(each, 1.0) for each in (test_a, drive_a))
+    on_test, on_drive = columns_of(quiet, test), columns_of(quiet, drive)
+    found = information_of(quiet, test)
     inverse = found.inverse(quiet)
     left_v = found.left_on(quiet, inverse, on_drive.T @ on_drive / len(on_drive))
     squares = []
@@ -136,7 +129,7 @@ def test_a_design_keeps_its_time_and_its_limits(pulsed):
 
 def test_lines_between_what_is_stored_of_a_prediction_are_its_voltage(pulsed, prior):
     predicted, current_a = pulsed.predicted, sampled(pulsed.steps)
-    voltage_v, _ = voltage_along(prior, current_a, pulsed.initial_soc)
+    voltage_v = voltage_along(prior, prior.loaded(current_a, pulsed.initial_soc))
     ends = np.cumsum([round(step.duration_s) for step in pulsed.steps])
     inside = np.setdiff1d(np.arange(1, len(voltage_v)), [*ends, *(ends - 1)])
     drawn_v = np.interp(inside, predicted.time_s, predicted.voltage_v)
@@ -164,15 +157,15 @@ def test_rates_over_soc_hold_for_pieces_that_leave_their_stretch():
 
 def test_earlier_records_narrow_what_a_test_leaves(prior):
     current_a = np.tile(np.repeat([2.0, -1.0], 30), 20)
-    earlier = Seconds("earlier", current_a[::-1].copy(), 0.6, np.ones(len(current_a), bool))
-    known = replace(prior, earlier=[earlier], half_widths={("R1 [Ohm]", 0.6): 0.2})
-    columns, _ = columns_along(known, current_a, 0.6)
-    widths = widths_of(known, information_of(known, columns))
+    earlier = [prior.loaded(current_a[::-1], 0.6)]
+    prior = replace(prior, earlier=earlier, half_widths={("R1 [Ohm]", 0.6): 0.2})
+    of_test = information_of(prior, prior.loaded(current_a, 0.6))
+    widths = widths_of(prior, of_test)
     (width,) = [each for each in widths if (each.name, each.soc) == ("R1 [Ohm]", 0.6)]
     assert 0.5 * width.alone < width.after < 0.9 * width.alone
     # A record of the same charge tells as much as the test.
     assert width.before == pytest.approx(width.alone, rel=0.3)
-    without = widths_of(replace(known, earlier=[]), information_of(known, columns))
+    without = widths_of(replace(prior, earlier=[]), of_test)
     assert [each.before for each in without if (each.name, each.soc) == ("R1 [Ohm]", 0.6)] == [0.2]
 
 

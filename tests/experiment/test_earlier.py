@@ -9,8 +9,8 @@ from scipy.signal import lfilter
 import barnax
 from barnax.bundled import BUNDLED
 from barnax.cell import characterize
-from barnax.experiment.information import columns_along
-from barnax.experiment.prior import by_second, error_of, prior_of_chemistry
+from barnax.experiment.information import columns_of
+from barnax.experiment.prior import by_second, counting, prior_of_chemistry
 from barnax.model.prepared import Window, prepare_record
 from barnax.records import read_record
 from barnax.search.evaluate import Evaluation
@@ -30,8 +30,7 @@ def prior(prepared):
 
 def left(prepared, prior, error_v):
     """What a fit of tables leaves of an error."""
-    seconds = by_second(prepared)
-    columns, _ = columns_along(prior, seconds.current_a, seconds.soc)
+    columns = columns_of(prior, by_second(prior, prepared))
     tables = columns[:, : len(prior.names)]
     error_v = error_v.copy()
     error_v[:-1] -= tables @ np.linalg.lstsq(tables, error_v[:-1], rcond=1e-6)[0]
@@ -44,26 +43,26 @@ def correlated(rng, count, time_s, sd_v):
     return sd_v * np.sqrt(1 - kept**2) * lfilter([1.0], [1.0, -kept], rng.normal(size=count))
 
 
-def test_a_record_by_the_second_takes_the_same_charge(prepared):
-    seconds = by_second(prepared)
+def test_a_record_by_the_second_takes_the_same_charge(prepared, prior):
+    seconds = by_second(prior, prepared)
     assert seconds.current_a.sum() / 3600 == pytest.approx(
         prepared.capacity_ah * (prepared.soc[0] - prepared.soc[-1]), rel=1e-6
     )
-    assert seconds.counted.all()
+    assert seconds.scored.all()
 
 
 @pytest.mark.slow
 def test_noise_is_distinguished_from_what_a_circuit_leaves_out(prepared, prior):
     rng = np.random.default_rng(3)
     count = len(prepared.soc)
-    seconds = by_second(prepared)
-    columns, _ = columns_along(prior, seconds.current_a, seconds.soc)
+    columns = columns_of(prior, by_second(prior, prepared))
     left_out = columns[:, len(prior.names) :]
     found = {}
     for size in (0.0, 0.4, 0.8):
         more_v = np.append(left_out @ rng.normal(size=left_out.shape[1]), 0.0) * size
         noise_v = correlated(rng, count, 10, 2e-3) + correlated(rng, count, 200, 2e-3)
-        found[size] = error_of(prior, [left(prepared, prior, noise_v + more_v[:count])])
+        left_v = left(prepared, prior, noise_v + more_v[:count])
+        found[size] = counting(prior, [left_v]).error
     assert found[0.0].left_out < 0.15
     assert found[0.0].rest_v == pytest.approx(found[0.0].rmse_v, rel=0.05)
     for size in (0.4, 0.8):
@@ -75,7 +74,7 @@ def test_planted_noise_is_measured(prepared, prior):
     rng = np.random.default_rng(4)
     count = len(prepared.soc)
     noise_v = correlated(rng, count, 10, 2e-3) + correlated(rng, count, 200, 3e-3)
-    error = error_of(prior, [left(prepared, prior, noise_v)])
+    error = counting(prior, [left(prepared, prior, noise_v)]).error
     fast, slow = (
         np.sqrt(sum(sd_v**2 for time_s, sd_v in error.noise if (time_s < 45) == is_fast))
         for is_fast in (True, False)

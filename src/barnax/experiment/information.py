@@ -21,19 +21,25 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.linalg import block_diag, cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve
 
 from ..cell import CellModel, CircuitParameters
 from ..cell.elements import is_resistance
-from ..cell.parameters import OCV, OCV_CORRECTION, OHMIC
+from ..cell.parameters import OCV_CORRECTION, OHMIC
 from ..cell.tables import hats
+from ..execution import in_float64
 from ..metrics import NORMAL_95
-from ..over_soc.intervals import LIGHT, STEP
+from ..model.prepared import PreparedRecord, prepare_record
+from ..model.window import Window
+from ..over_soc.intervals import LIGHT, linearized
 from ..over_soc.node_interval import sag_of
-from ..over_soc.objective import smoothing_rows
+from ..over_soc.objective import Solution, TableObjective
+from ..over_soc.problem import reduced_objective
 from ..over_soc.settings import TableSettings
+from ..records import Record
 from ..records.lag import lagged
 from ..search.answers import AtBound
+from ..uncertainty.noise import summed
 
 # Half a 95 % interval in standard errors.
 # So near to an end of the SOC is at it, and so far may blocks take a cell below their stretch.
@@ -48,12 +54,13 @@ LEFT_OUT_NODES = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
 UNSEEN_SHARE, UNSEEN_V = 0.3, 20e-3
 # Slots in a correlation time that an error is taken for constant in.
 SLOTS_A_TIME = 10
+# No resistance is larger.
+MOST_OHM = 1e6
 # The RMSE that what is not known makes on a drive cycle is a wish too.
 DRIVE = "drive"
 
 Samples = Float[np.ndarray, "samples"]
 Soc = Float[np.ndarray, "*any"]
-Rows = Float[np.ndarray, "*rows samples"]
 Columns = Float[np.ndarray, "samples columns"]
 Normal = Float[np.ndarray, "columns columns"]
 # A table and its node, None of a constant.
@@ -74,16 +81,6 @@ class Error:
 
 
 @dataclass(frozen=True, eq=False)
-class Seconds:
-    """A record by the second: its current, its SOC at the start, and what counts."""
-
-    name: str
-    current_a: Float[np.ndarray, "seconds"]
-    soc: float
-    counted: Bool[np.ndarray, "seconds"]
-
-
-@dataclass(frozen=True, eq=False)
 class Prior:
     """The prior of a cell: what is assumed of it before a test.
 
@@ -93,7 +90,8 @@ class Prior:
         worst: How many times their values the resistances may be, at every node of the tables.
         error: What a fit leaves.
         settings: The tables that will be fitted; an OCV of the test's own where it has `ocv_nodes`.
-        earlier: Records that will be identified with the test's.
+        circuit: Name of the circuit.
+        earlier: Records that will be identified with the test's, by the second.
         half_widths: Half the 95 % intervals that they left, relative or in V, as `halves_of` has
             them.
         printed: The same as they are printed, which may reach over more.
@@ -114,7 +112,8 @@ class Prior:
     worst: Float[np.ndarray, "nodes"]
     error: Error
     settings: TableSettings
-    earlier: Sequence[Seconds] = ()
+    circuit: str = "so-rc"
+    earlier: Sequence[PreparedRecord] = ()
     half_widths: Mapping[Name, float] = field(default_factory=dict)
     printed: Mapping[Name, float] = field(default_factory=dict)
     beyond: tuple[str, ...] = ()
@@ -134,23 +133,49 @@ class Prior:
         """True where the test's fit has an OCV of its own."""
         return self.settings.ocv_nodes is not None
 
+    def loaded(self, current_a: Samples, soc: float, interval_s: float = 1.0) -> PreparedRecord:
+        """The cell out of a rest, under a current that is held from sample to sample."""
+        record = Record.of_load(
+            "the test", interval_s * np.arange(len(current_a)), current_a, np.ones(len(current_a))
+        )
+        window = Window(start_time_s=0.0, initial_soc=soc, soc_source="registered")
+        return prepare_record(record, self.cell, self.circuit, window, is_measured=False)
+
+    @cached_property
+    def objective(self) -> TableObjective:
+        """That of the tables that will be fitted, without samples. Bounds narrow no promise."""
+        settings = replace(
+            self.settings,
+            ocv_correction=True,
+            rising_ocv=False,
+            half_hysteresis=False,
+            bounds={OHMIC: (0.0, MOST_OHM)},
+            fixed={},
+            folds=0,
+        )
+        ranges = {name: (tau_s, tau_s) for name, tau_s in self.tables.named_tau_s.items()}
+        return reduced_objective([self.loaded(np.zeros(2), 1.0)], settings, ranges)
+
+    @cached_property
+    def solution(self) -> Solution:
+        """The prior values as its solution."""
+        best = self.objective.solve(tuple(np.log(self.tables.tau_s).tolist()))
+        values = tuple(self.values[rows] for rows in self.tables_of_names.values())
+        return replace(best, values=values)
+
     @cached_property
     def names(self) -> tuple[Name, ...]:
         """Every unknown: R0, the pairs' R, the OCV, and the time constants."""
-        settings = self.settings
-        nodes = dict.fromkeys(self.tables.resistances, settings.nodes)
-        nodes[OCV if self.finds_ocv else OCV_CORRECTION] = settings.nodes_of_ocv
-        nodes |= dict.fromkeys(self.tables.named_tau_s, (None,))
-        return tuple((name, node) for name, row in nodes.items() for node in row)
+        objective = self.objective
+        tables = zip(objective.names, objective.nodes_of, strict=True)
+        nodes = [(name, node) for name, row in tables for node in row.tolist()]
+        return (*nodes, *((name, None) for name in objective.ranges))
 
     @cached_property
     def tables_of_names(self) -> dict[str, slice]:
         """The unknowns of every table's nodes."""
-        tables = [name for name, soc in self.names if soc is not None]
-        return {
-            name: slice(tables.index(name), tables.index(name) + tables.count(name))
-            for name in dict.fromkeys(tables)
-        }
+        objective = self.objective
+        return {name: objective.block(table) for table, name in enumerate(objective.names)}
 
     @cached_property
     def are_resistances(self) -> Bool[np.ndarray, "unknowns"]:
@@ -194,22 +219,16 @@ class Prior:
 
     @cached_property
     def penalty(self) -> Normal:
-        """The smoothing of the tables, as `TableObjective.table_penalty` has it, squared."""
-        settings, resistances = self.settings, len(self.tables.resistances)
-        of_r = len(settings.nodes), self.cell.capacity_ah, settings.resistance_ridge
-        of_ocv = len(settings.nodes_of_ocv), 1.0, settings.voltage_ridge
-        blocks = [smoothing_rows(settings, *shape) for shape in [*[of_r] * resistances, of_ocv]]
-        rows = np.asarray(block_diag(*blocks, np.zeros((0, self.tables.pairs))))
+        """The smoothing of the tables, squared."""
+        rows = np.pad(self.objective.table_penalty, ((0, 0), (0, self.tables.pairs)))
         return rows.T @ rows
 
     @cached_property
     def information_before(self) -> "Information | None":
         """The information of the earlier records."""
         whole = None
-        for record in self.earlier:
-            columns, _ = columns_along(self, record.current_a, record.soc)
-            information = information_of(self, columns * record.counted[:, None])
-            whole = replace(information, samples=int(record.counted.sum())) + whole
+        for prepared in self.earlier:
+            whole = information_of(self, prepared) + whole
         return whole
 
 
@@ -262,65 +281,46 @@ class Information:
         return float(np.trace(drive[count:, count:]) + np.sum(followed * left))
 
 
-def soc_along(prior: Prior, current_a: Samples, soc: float, interval_s: float = 1.0) -> Samples:
-    """The state of charge along a current that is held from sample to sample."""
-    passed = np.append(0.0, np.cumsum(current_a[:-1])) * interval_s / 3600
-    return soc - passed / prior.cell.capacity_ah
+@in_float64
+def columns_of(prior: Prior, prepared: PreparedRecord) -> Columns:
+    """The derivatives of the error at every sample, by every unknown and by what the circuit leaves
+    out."""
+    whole = replace(prepared, scored=np.ones_like(prepared.scored))
+    objective = replace(prior.objective, prepared_records=[whole])
+    blocks = linearized(objective, prior.solution, further=lambda _: _left_out(prior, prepared))
+    return np.concatenate([columns for columns, *_ in blocks])
 
 
-def columns_along(
-    prior: Prior, current_a: Samples, soc: float, interval_s: float = 1.0
-) -> tuple[Columns, Samples]:
-    """The derivatives of the error by every unknown and by what the circuit leaves out, for a
-    current that is held from sample to sample out of a rest, and the state of charge at each."""
-    along = soc_along(prior, current_a, soc, interval_s)
-    tables, settings = prior.tables, prior.settings
-    tau_s = np.array(tables.tau_s)
-
-    def after(flow_a: Rows, tau_s: float) -> Rows:
-        """What flows through the resistor of an RC pair."""
-        return lagged(flow_a, tau_s / interval_s)
-
-    flows = hats(along, settings.nodes).T * current_a
-    r_ohm = [tables.at(name, along) for name in tables.resistances[1:]]
-    rows = [flows, *(after(flows, pair_tau_s) for pair_tau_s in tau_s)]
-    rows.append(-hats(along, settings.nodes_of_ocv).T)
-    for pair_tau_s, ohm in zip(tau_s, r_ohm, strict=True):
-        above, below = (
-            after(ohm * current_a, pair_tau_s * math.exp(sign * STEP)) for sign in (1, -1)
-        )
-        rows.append((above - below)[None] / (2 * STEP))
-    flows = prior.error.left_out * hats(along, LEFT_OUT_NODES).T * current_a
-    other = OTHER_PAIR * flows * tables.at(OHMIC, along)
+def _left_out(prior: Prior, prepared: PreparedRecord) -> Columns:
+    """The columns of what the circuit leaves out."""
+    soc, current_a, tables = prepared.soc, prepared.current_a, prior.tables
+    tau_s, interval_s = np.array(tables.tau_s), np.diff(prepared.time_s)
+    flows = prior.error.left_out * hats(soc, LEFT_OUT_NODES).T * current_a
+    other = OTHER_PAIR * flows * tables.at(OHMIC, soc)
     between_s = np.sqrt(tau_s[:-1] * tau_s[1:])
-    for other_s in (*(tau_s[0] * np.array(FASTER)), *between_s, *(tau_s[-1] * np.array(SLOWER))):
-        rows.append(after(other, other_s))
-    changes = CHANGE_AT_1C * np.abs(current_a) / prior.cell.capacity_ah
-    changing = [flows * changes * ohm for ohm in r_ohm]
-    rows += [changing[0], *map(after, changing, tau_s)]
-    return np.concatenate(rows).T, along
+    others_s = (*(tau_s[0] * np.array(FASTER)), *between_s, *(tau_s[-1] * np.array(SLOWER)))
+    rows = [lagged(other, other_s, interval_s) for other_s in others_s]
+    flows *= CHANGE_AT_1C * np.abs(current_a) / prior.cell.capacity_ah
+    changing = [flows * tables.at(name, soc) for name in tables.resistances[1:]]
+    pairs = zip(changing, tau_s, strict=True)
+    rows += [changing[0], *(lagged(change, pair_s, interval_s) for change, pair_s in pairs)]
+    return np.concatenate(rows).T
 
 
-def information_of(prior: Prior, columns: Columns, interval_s: float = 1.0) -> Information:
-    """The information of samples with these columns."""
-    rows = np.ascontiguousarray(columns.T)
-    products = rows @ rows.T
-    count = len(prior.names)
-    jacobian, squares = rows[:count], products[:count, :count]
-    noise = np.zeros_like(squares)
+@in_float64
+def information_of(prior: Prior, prepared: PreparedRecord) -> Information:
+    """The information of the scored samples of a record on an even clock."""
+    columns, interval_s = columns_of(prior, prepared), prepared.median_interval_s
+    columns[~prepared.scored] = 0.0
+    of_unknowns = np.ascontiguousarray(columns[:, : len(prior.names)])
+    noise = np.zeros((len(prior.names),) * 2)
     for time_s, sd_v in prior.error.noise:
-        if time_s == 0:
-            noise += sd_v**2 * squares
-            continue
         # Of errors that change slowly, a few samples together are one.
-        together = max(1, int(time_s / SLOTS_A_TIME / interval_s))
-        slots = np.add.reduceat(jacobian, np.arange(0, jacobian.shape[1], together), axis=1)
-        # S = 1 + F + F' with F the sums over all earlier slots, weighted by exp(-lag / time).
-        slot_s = together * interval_s
-        earlier = slots @ lagged(slots, time_s / slot_s).T / math.expm1(slot_s / time_s)
-        alone = squares if together == 1 else slots @ slots.T
-        noise += sd_v**2 * (alone + earlier + earlier.T)
-    return Information(len(columns), products, noise)
+        together, slots = max(1, int(time_s / SLOTS_A_TIME / interval_s)), of_unknowns
+        if together > 1:
+            slots = np.add.reduceat(slots, np.arange(0, len(slots), together), axis=0)
+        noise += sd_v**2 * (slots.T @ summed(slots, time_s / (together * interval_s)))
+    return Information(int(np.count_nonzero(prepared.scored)), columns.T @ columns, noise)
 
 
 @dataclass(frozen=True)

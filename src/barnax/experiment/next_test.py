@@ -1,6 +1,7 @@
 """`barnax.design`: the next test of a cell, and what it is predicted to tell."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -13,11 +14,9 @@ from ..results import Result
 from .information import (
     DRIVE,
     OVERSHOT,
-    Columns,
     Name,
     Prior,
     Width,
-    columns_along,
     information_of,
     widths_of,
 )
@@ -153,20 +152,17 @@ def design(
         "HPPC": hppc_steps(capacity_ah, largest_a, charged_a, high_soc, low_soc),
         "drive cycle": drive_steps(capacity_ah, largest_a, high_soc, low_soc),
     }
-    along = {
-        name: columns_along(prior, sampled(steps, COARSE_S), high_soc, COARSE_S)
-        for name, steps in usual.items()
-    }
-    on_drive, soc = along["drive cycle"]
-    on_drive = on_drive[soc >= WANTED_SOC[0]]
-    drive = on_drive.T @ on_drive / len(on_drive)
+    cycle = prior.loaded(sampled(usual["drive cycle"], COARSE_S), high_soc, COARSE_S)
+    on_drive = information_of(prior, replace(cycle, scored=cycle.soc >= WANTED_SOC[0]))
+    drive = on_drive.normal / on_drive.samples
 
-    def left(columns: Columns, interval_s: float = INTERVAL_S) -> tuple[Width, ...]:
-        return widths_of(prior, information_of(prior, columns, interval_s), drive)
+    def left_by(steps: Sequence[Step], interval_s: float = INTERVAL_S) -> tuple[Width, ...]:
+        test = prior.loaded(sampled(steps, interval_s), high_soc, interval_s)
+        return widths_of(prior, information_of(prior, test), drive)
 
     references = tuple(
-        Reference(name=name, hours=hours_of(usual[name]), widths=left(columns, COARSE_S))
-        for name, (columns, _) in along.items()
+        Reference(name=name, hours=hours_of(steps), widths=left_by(steps, COARSE_S))
+        for name, steps in usual.items()
     )
     if want == "hppc":
         medians = _medians(_halves(references[0].widths), _names(prior), wanted_soc)
@@ -176,9 +172,6 @@ def design(
         drive if DRIVE in wanted else None, wanted.get(DRIVE, 0.0),
         _emptying(prior, limits, low_soc),
     )  # fmt: skip
-
-    def left_by(steps: Sequence[Step]) -> tuple[Width, ...]:
-        return left(columns_along(prior, sampled(steps), high_soc)[0])
 
     def reaches(steps: Sequence[Step]) -> bool:
         halves = inside(_halves(left_by(steps)), wanted_soc)
@@ -215,7 +208,7 @@ def design(
         hours_searched=longer,
         hours_needed=needed,
         finds_ocv=prior.finds_ocv,
-        earlier=tuple(record.name for record in prior.earlier),
+        earlier=tuple(prepared.record.name for prepared in prior.earlier),
         untold=prior.untold,
         error=prior.error,
         already=already,

@@ -27,7 +27,7 @@ from ..over_soc.level import with_fitted_ocv
 from ..over_soc.settings import TableSettings
 from ..records import read_record
 from ..results import Result
-from ..search.evaluate import Evaluation
+from ..search.evaluate import Evaluation, one_clock
 from ..settings import NODES
 from ..uncertainty.noise import fit_noise
 from .information import (
@@ -37,8 +37,7 @@ from .information import (
     Error,
     Name,
     Prior,
-    Seconds,
-    columns_along,
+    columns_of,
 )
 from .protocol import window_of
 from .stored import followed, halves_of
@@ -234,7 +233,7 @@ def prior_of_result(result: Result, temperature_degc: float | None = None) -> Pr
             settings=with_fitted_ocv(TableSettings()) if cell.ocv_is_fitted else TableSettings(),
             ocv_reach_v=LEAST_OCV_V,
         )
-    prior = counting(prior, earlier)
+    prior = counting(replace(prior, circuit=result.model), earlier)
     largest_c = max((part.peak_current_a or 0.0 for part in parts), default=0.0) / cell.capacity_ah
     rates_c = (largest_c, largest_c / 2) if largest_c else prior.rates_c
     taus = tuple(bound for bound in result.at_bound if bound.name.startswith("tau"))
@@ -303,8 +302,9 @@ def counting(prior: Prior, earlier: Sequence[Evaluation]) -> Prior:
     """The same with records that are identified with the test's, and the error that they show."""
     if not earlier:
         return prior
-    seconds = [by_second(evaluated.prepared) for evaluated in earlier]
-    return replace(prior, earlier=seconds, error=error_of(prior, earlier))
+    seconds = [by_second(prior, evaluated.prepared) for evaluated in earlier]
+    prior = replace(prior, earlier=seconds)
+    return replace(prior, error=error_of(prior, earlier))
 
 
 def typical_error(rmse_v: float) -> Error:
@@ -325,13 +325,15 @@ def _worst(fit: TableFit, nodes: tuple[float, ...]) -> Float[np.ndarray, "nodes"
     return np.maximum(ratio, LEAST_WORST)
 
 
-def by_second(prepared: PreparedRecord) -> Seconds:
-    """A record by the second."""
+def by_second(prior: Prior, prepared: PreparedRecord) -> PreparedRecord:
+    """A record by the second, of which those with a sample count."""
     time_s = prepared.time_s - prepared.time_s[0]
     soc = np.interp(np.arange(0.0, time_s[-1] + 1.0), time_s, prepared.soc)
     counted = np.isin(np.arange(len(soc) - 1), _second(prepared)[prepared.scored])
     current_a = -np.diff(soc) * prepared.capacity_ah * 3600
-    return Seconds(prepared.record.name, current_a, float(soc[0]), counted)
+    seconds = prior.loaded(current_a, float(soc[0]))
+    named = replace(seconds.record, name=prepared.record.name)
+    return replace(seconds, record=named, scored=counted)
 
 
 def _second(prepared: PreparedRecord) -> np.ndarray:
@@ -346,25 +348,19 @@ def error_of(prior: Prior, earlier: Sequence[Evaluation]) -> Error:
     Noise would leave errors that look so too, of an expected size; what is more tells how large
     that is which the circuit leaves out.
     """
-    errors, stacked, times, clock_s = [], [], [], 0.0
+    errors, stacked = [], []
     usual = replace(prior, error=replace(prior.error, left_out=1.0))
     longest_s = max(evaluated.prepared.scored_duration_s for evaluated in earlier)
-    for evaluated in earlier:
-        seconds, scored = by_second(evaluated.prepared), evaluated.prepared.scored
-        second, count = _second(evaluated.prepared)[scored], len(seconds.counted)
+    for evaluated, seconds in zip(earlier, prior.earlier, strict=True):
+        scored, counted = evaluated.prepared.scored, seconds.scored
+        second, count = _second(evaluated.prepared)[scored], len(counted)
         sums_v, samples = (
-            np.bincount(second, weights, count)[:count][seconds.counted]
+            np.bincount(second, weights, count)[:count][counted]
             for weights in (evaluated.error_v[scored], np.ones(len(second)))
         )
         errors.append(sums_v / samples)
-        columns, _ = columns_along(usual, seconds.current_a, seconds.soc)
-        stacked.append(columns[seconds.counted])
-        # No lag within a record is one between records.
-        at = np.flatnonzero(seconds.counted)
-        times.append(clock_s + at - at[0])
-        clock_s = times[-1][-1] + longest_s + 2
-    columns, time_s = np.concatenate(stacked), np.concatenate(times)
-    clock = time_s, longest_s, MAX_SLOTS
+        stacked.append(columns_of(usual, seconds)[counted])
+    columns, clock = np.concatenate(stacked), (one_clock(prior.earlier), longest_s, MAX_SLOTS)
     followed, left_out = np.split(columns, [len(prior.names)], axis=1)
     basis = _basis(followed)
     # What bounds and smoothing kept a fit from following is left too.

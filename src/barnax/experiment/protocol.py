@@ -12,9 +12,10 @@ from jaxtyping import Array, Float
 from ..bundled import bundled_file
 from ..cell import CellModel
 from ..errors import InputError
+from ..model.prepared import PreparedRecord
 from ..records import read_record
 from ..records.lag import lagged
-from .information import NEARLY_SOC, Prior, Samples, Soc, soc_along
+from .information import NEARLY_SOC, Prior, Samples, Soc
 
 INTERVAL_S = 1.0
 # Drawn voltages are within this of the predicted ones.
@@ -162,18 +163,16 @@ def sampled(steps: Sequence[Step], interval_s: float = INTERVAL_S) -> Samples:
     return np.append(np.repeat([step.current_a for step in steps], counts), steps[-1].current_a)
 
 
-def voltage_along(
-    prior: Prior, current_a: Samples, soc: float, worst: int = 0
-) -> tuple[Samples, Samples]:
-    """The voltage and the state of charge that the prior predicts out of a rest; with `worst`
-    the lowest (-1) or highest (+1) where every resistance is as large as it may be."""
-    along, tables = soc_along(prior, current_a, soc), prior.tables
-    factor = np.interp(along, tables.nodes, prior.worst) if worst else np.ones(len(along))
-    first, *drops = [tables.at(name, along) * factor * current_a for name in tables.resistances]
+def voltage_along(prior: Prior, loaded: PreparedRecord, worst: int = 0) -> Samples:
+    """The voltage that the prior predicts by the second; with `worst` the lowest (-1) or highest
+    (+1) where every resistance is as large as it may be."""
+    soc, tables = loaded.soc, prior.tables
+    driven_a = loaded.current_a * (np.interp(soc, tables.nodes, prior.worst) if worst else 1.0)
+    first, *drops = [tables.at(name, soc) * driven_a for name in tables.resistances]
     total = sum(map(lagged, drops, np.array(tables.tau_s) / INTERVAL_S), first)
-    half_gap_v = prior.cell.branch_gap_v(along) / 2 if worst else 0.0
-    ocv_v = prior.ocv_end_v(along, worst) if worst else prior.ocv_v(along)
-    return ocv_v + worst * half_gap_v - total, along
+    half_gap_v = prior.cell.branch_gap_v(soc) / 2 if worst else 0.0
+    ocv_v = prior.ocv_end_v(soc, worst) if worst else prior.ocv_v(soc)
+    return ocv_v + worst * half_gap_v - total
 
 
 def bends(voltages_v: np.ndarray, start: int, last: int) -> list[int]:

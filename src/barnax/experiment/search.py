@@ -18,7 +18,7 @@ from jaxtyping import Array, Float
 
 from ..errors import InputError
 from ..metrics import NORMAL_95
-from .information import OVERSHOT, Normal, Prior, columns_along, information_of
+from .information import OVERSHOT, Normal, Prior, information_of
 from .protocol import INTERVAL_S, Block, Limits, Step, move, sampled, voltage_along, warming_of
 from .stored import Predicted
 
@@ -205,9 +205,8 @@ class SearchSetup:
         """Every wished value's width over the wished one, as a whole test is predicted."""
         fastest_s = SHARE_OF_TAU * self.prior.tables.tau_s[0]
         interval_s = min(max(fastest_s, FINEST_S), COARSEST_S)
-        current_a = sampled(steps, interval_s)
-        columns, _ = columns_along(self.prior, current_a, self.high_soc, interval_s)
-        whole = information_of(self.prior, columns, interval_s) + self.prior.information_before
+        test = self.prior.loaded(sampled(steps, interval_s), self.high_soc, interval_s)
+        whole = information_of(self.prior, test) + self.prior.information_before
         inverse = whole.inverse(self.prior)
         unknowns, halves = [*self.wished], np.array([*self.wished.values()])
         variance = np.diag(whole.covariance(self.prior, inverse))[unknowns]
@@ -366,9 +365,9 @@ def _simulated(choice: SearchSetup, steps: Sequence[Step]) -> tuple[Predicted, L
     """The test as it goes, and the limits of the choice, tightened where its worst case leaves a
     voltage, warms too much, or has a current over what is named for its state of charge."""
     prior, limits, current_a = choice.prior, choice.limits, sampled(steps)
-    (voltage_v, soc), (low_v, _), (high_v, _) = (
-        voltage_along(prior, current_a, choice.high_soc, worst) for worst in (0, -1, 1)
-    )
+    test = prior.loaded(current_a, choice.high_soc)
+    soc, voltages_v = test.soc, (voltage_along(prior, test, worst) for worst in (0, -1, 1))
+    voltage_v, low_v, high_v = voltages_v
     loaded = steps[: len(steps) - len(choice.last)]
     counts = np.arange(len(current_a)) <= sum(round(s.duration_s / INTERVAL_S) for s in loaded)
     # The rest of a full cell is at its highest voltage, and no test's doing.

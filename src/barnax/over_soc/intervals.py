@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float
 from scipy.linalg import block_diag
 
 from ..cell.elements import alike, is_resistance, rungs_of
-from ..cell.parameters import HALF_HYSTERESIS, OCV, OCV_CORRECTION, CircuitParameters
+from ..cell.parameters import HALF_HYSTERESIS, OCV, OCV_CORRECTION
 from ..cell.soc_axis import is_above
 from ..execution import in_float64
 from ..model.exponentials import span_through
@@ -342,7 +342,7 @@ def linearized(
     # Of tables' values: steps of an OCV that rises are unknowns.
     by_values = replace(objective, settings=replace(objective.settings, rising_ocv=False))
     for index, prepared in enumerate(objective.prepared_records):
-        of_numbers = _dependence_slopes(prepared, objective.tables_at(best))
+        of_numbers = _dependence_slopes(prepared, objective, best)
         none = np.empty((np.count_nonzero(prepared.scored), 0))
         others, first = none if further is None else further(index), 0
         informed = prepared.informed
@@ -368,12 +368,13 @@ def linearized(
 
 
 def _dependence_slopes(
-    prepared: PreparedRecord, tables: CircuitParameters
+    prepared: PreparedRecord, objective: TableObjective, best: Solution
 ) -> list[Float[np.ndarray, "simulated"]]:
     """The derivatives of the error by the logarithm of every number that resistances follow."""
-    law, slopes = tables.dependence, []
+    law, slopes = prepared.dependence, []
     if law is None:
         return slopes
+    tables = objective.tables_at(best)
     for name, value in law.numbers.items():
         laws = [law.with_numbers({name: value * math.exp(step)}) for step in (STEP, -STEP)]
         above, below = (errors_along(prepared, replace(tables, dependence=one)) for one in laws)

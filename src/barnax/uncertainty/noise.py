@@ -241,7 +241,7 @@ def fit_gathered(
     within = np.empty((len(edges) - 1, width, width))
     crossed = np.zeros((len(edges) - 1, len(times)))
     for index, column in enumerate(np.ascontiguousarray(columns.T)):
-        smoothed = np.stack([_smoothed(column, time, ends) for time in times])
+        smoothed = np.stack([summed(column, time, ends) for time in times])
         spread[1:, :, index] = smoothed @ columns
         apart = _at_lags(column, edges)
         within[:, :, index] = apart @ columns
@@ -357,13 +357,18 @@ def _record_ends(counts: Float[np.ndarray, "slots"], reach: int) -> Int[np.ndarr
     return filled[:-1][np.diff(filled) >= reach]
 
 
-def _smoothed(
-    values: Float[np.ndarray, "slots"], time: float, ends: Int[np.ndarray, "ends"]
-) -> Float[np.ndarray, "slots"]:
-    """The sums of all values of a record, weighted by exp(-|lag| / time).
+def summed(
+    values: Float[np.ndarray, "slots *columns"],
+    time: float,
+    ends: Int[np.ndarray, "ends"] | slice = slice(0),
+) -> Float[np.ndarray, "slots *columns"]:
+    """The sums of all values of a record, weighted by exp(-|lag| / time); `ends` are the last slots
+    of all records but the last.
 
     The inverse of that matrix is tridiagonal, and so are its factors L D L'.
     """
+    if time == 0:
+        return values
     rest = -np.expm1(-2 / time)
     diagonal, below = np.ones(len(values)), np.full(len(values) - 1, -np.exp(-1 / time))
     diagonal[-1] = diagonal[ends] = rest

@@ -54,23 +54,23 @@ class Settings:
     """The circuit and how to search for it.
 
     Args:
-        model: This circuit, with constants: two RC pairs with switched (iso-rc), no (so-rc) or
+        model: Fit this circuit, with constants: two RC pairs with switched (iso-rc), no (so-rc) or
             dynamic (esc) hysteresis; takacs has loops after a turn; 1rc, 3rc and 4rc have one,
             three and four pairs and no hysteresis; +diffusion adds a finite Warburg element, as in
-            1rc+diffusion. By default the circuit that best predicts held-out blocks, with constants
-            or tables over SOC.
+            1rc+diffusion. The default is the circuit that best predicts held-out blocks, with
+            constants or tables over SOC.
         method: Optimizer: ibmo, ibmo-centered, pso or any other that "barnax optimizers" lists.
         objective: How the search computes errors: scan simulates every sample, compressed reduces
             the record once; auto is compressed if the bounds allow it, in compare scan. Reported
             errors are always computed by scan.
         coordinates: Search R and C themselves, as in the paper (rc), or logarithms of R and tau
             (log).
-        seeds: Independent runs of the optimizer: 30, and none for the cells of a fleet, which have
-            the global optimum alone.
+        seeds: Independent runs of the optimizer (30; 0 for the cells of a fleet, which rely on the
+            global optimum).
         population: Candidates per generation (30).
         iterations: Generations (500).
         key: Random key (0); the same key gives the same result.
-        over: Tables over SOC in any case: of the resistances and an OCV correction; with
+        over: Always fit tables over SOC: of the resistances and an OCV correction; with
             temperature, one set of tables per temperature, with shared time constants.
 
     Raises `InputError` for a number out of range and an unknown `over`.
@@ -106,11 +106,11 @@ class Reading:
         current_hold: How long each current value holds: until the next sample (forward), from the
             previous one (backward), about half of both (centered: means, or a load that changes
             between samples), or auto (decided from the data).
-        voltage_lag: Seconds by which the voltage is older than the current of its row, negative
-            where it is newer; by default found from the data, 0 takes them as logged. FILE=S is for
-            one record; repeatable.
-        columns: Columns that are not recognized: time=NAME:UNIT,current=NAME:UNIT,voltage=NAME,
-            with a unit if the name has none.
+        voltage_lag: Lag of the voltage behind the current of its row in seconds, negative if it is
+            ahead; estimated from the data by default, 0 takes the rows as logged. FILE=S is for one
+            record; repeatable.
+        columns: Names of columns that are not recognized:
+            time=NAME:UNIT,current=NAME:UNIT,voltage=NAME, with a unit if the name has none.
         series: Cells in series, for packs and modules: the voltage is divided by it.
     """
 
@@ -160,8 +160,9 @@ class CellSettings:
     """The way from OCV tests to curves.
 
     Args:
-        ocv_capacity: Capacity in Ah in the OCV test, if it does not span full to empty.
-        ocv_fit: OCV curves: interpolated (PCHIP), the default, or a polynomial of degree 7.
+        ocv_capacity: Capacity in Ah, if the OCV test does not run from full to empty.
+        ocv_fit: How the OCV curves are drawn: interpolated (PCHIP, the default), or a polynomial of
+            degree 7.
         hysteresis_fit: Hysteresis segments: continuous (they meet at the knots) or independent.
     """
 
@@ -181,8 +182,8 @@ class Scope:
     """The reach of a run.
 
     Args:
-        setup: The set-up of a paper: li2023 is iso-rc alone on an OCV polynomial, as in Li et al.
-            (2023).
+        setup: Repeat the set-up of a paper: li2023 is iso-rc alone on an OCV polynomial, as in Li
+            et al. (2023).
         trust: How closely to examine the answer: basic gives intervals, identifiability and
             residuals; full also gives profile likelihoods.
     """
@@ -214,11 +215,11 @@ class TableOptions:
         proved_share: A fit is certified if its sqrt(J) is proved to be within this share of the
             lowest.
         max_boxes: At most so many boxes of time constants for the proof; 0 means no proof.
-        resistances_follow: What resistances follow beside SOC: the measured temperature, the cell's
-            heating by its current, the current (Butler and Volmer), its direction, or none; auto
-            takes those that lower the held-out errors.
-        keep_starts: Keep every record's start and capacity as given. Otherwise those of several
-            records of one cell are fitted, within some tenths of a percent.
+        resistances_follow: What resistances depend on besides SOC: the measured temperature, the
+            cell's heating by its current, the current (Butler and Volmer), its direction, or none;
+            auto takes those that lower the held-out errors.
+        keep_starts: Keep every record's start and capacity as given; by default those of several
+            records of one cell are adjusted by a few tenths of a percent.
         folds: Folds of the cross-validation, blocks held out in turn; 0 means none.
         block_s: Longest held-out block in s, less for a record that has no five of them in a fold.
     """
@@ -311,8 +312,8 @@ class Window:
     """The part of a record that is simulated and counted, and what is known about its start.
 
     Args:
-        start_time_s: Time at which the simulation starts, on the file's clock.
-        start_after_step: Start at the last sample of the last block of this step.
+        start_time_s: Time in the file at which the simulation starts.
+        start_after_step: Start the simulation at the end of this step, where it last occurs.
         initial_soc: State of charge at the start, a fraction (default: from the rested voltage).
         score_steps: Score only these steps, such as 7,8.
         score_from_s: Score from this time on.

@@ -31,9 +31,9 @@ def compare(
 ) -> None:
     """Compare circuits and methods on one cell, in a report.
 
-    First the usual circuits and tables over SOC, each the best of its kind. Then
-    methods, with the same data, bounds, budget and key: a row is a method's own
-    answer, before refinement.
+    First come the usual circuits and tables over SOC, each at its best. Then come
+    methods, with the same data, bounds, budget and key, and their answers before
+    refinement.
 
     Without arguments, it runs the paper's five rows on the bundled cell.
 

@@ -44,15 +44,15 @@ def design(
 
     Cell:
         capacity (AH): Capacity (default: the result's).
-        chemistry (nmc|lfp): Typical cell without a result (default: nmc), or beyond the SOC that it
-            knows.
+        chemistry (nmc|lfp): Typical cell to assume without a result (default: nmc), and at SOC that
+            its records do not cover.
 
     Test:
-        want (NAME=HALF): Half the 95 % interval that is wanted from 10 to 90 % SOC, such as R0=2%,
-            R1=10%, R2=10% or OCV=10mV, or the error on a drive cycle, drive=8mV; repeatable; hppc
-            wants what an HPPC would determine.
-        max_hours (HOURS): The longest that it may take (default: 3, and no test of what the result
-            determines already).
+        want (NAME=HALF): Half-width of the 95 % interval to reach from 10 to 90 % SOC, such as
+            R0=2%, R1=10%, R2=10% or OCV=10mV, or the error on a drive cycle, drive=8mV; repeatable;
+            hppc asks for what an HPPC would determine.
+        max_hours (HOURS): Longest duration of the test (default: 3, without testing what the
+            result determines already).
 
     Limits:
         low_voltage (V): Lowest voltage (default: the chemistry's).
@@ -60,7 +60,7 @@ def design(
         max_discharge (RATE): Largest discharge in 1/h of the capacity, or over SOC as
             SOC=RATE,SOC=RATE (default: 1, with a result the largest of its records).
         max_charge (RATE): Largest charge, likewise (default: half of that).
-        max_warming (K): How much the test may warm the cell in moving air (default: no limit).
+        max_warming (K): Largest temperature rise of the cell in moving air (default: no limit).
         temperature (DEGC): Temperature of the test.
     """
     run = output.begun("barnax-design", *filter(None, [result]))

@@ -46,7 +46,7 @@ def check(
 
     Files:
         capacity (AH): Capacity of the cell, to check the ampere-hours against.
-        rest_current (A): The cell rests below this current (default: C/100, more where it is
+        rest_current (A): Current below which the cell is at rest (default: C/100, more if it is
             noisy).
 
     Output:
@@ -113,17 +113,16 @@ def convert(
 ) -> None:
     """Convert a cycler file to SI units, one clock, charge positive.
 
-    Several files become one record: a log that was cut into them, in their order.
+    Several files are joined into one record, in the order given.
 
-    Its origin, and what was decided and changed, is in the metadata of the
-    Parquet file, or in a JSON file beside the CSV.
+    Its origin, and what was decided and changed, is stored in the metadata of the
+    Parquet file, or in a JSON file next to the CSV.
 
     Arguments:
-        files (FILE...): File from a cycler, or several that one log was cut into, in order; - is
-            standard input.
+        files (FILE...): File from a cycler, or the parts of one log in order; - is standard input.
 
     Output:
-        to: Format: the Battery Data Format.
+        to (bdf): Format to write: the Battery Data Format.
         out (FILE): File to write, .parquet or .csv (default: the name of FILE with .bdf.parquet).
     """
     session, file = Session(is_quiet=quiet), files[0]
@@ -175,8 +174,8 @@ def export(
 ) -> None:
     """Export an identified circuit to another tool.
 
-    What the tool cannot represent is named on stderr and, if the format has
-    comments, in the file.
+    Anything that the tool cannot represent is reported on stderr and, if the
+    format has comments, in the file.
 
     Output:
         to (pybamm|thevenin|simscape|c-header|csv|xlsx|json|c-filter): The tool or format to export

@@ -66,9 +66,9 @@ def fleet(
     Files:
         fleet (--from FOLDER): Fit the factors that a fleet kept; instead of a manifest, and
             without its records.
-        group (COLUMN,...): With --from: rows that are alike in these columns are one cell.
-        addresses (ADDRESS): What the manifest may read besides files: all below s3://bucket/folder;
-            repeatable.
+        group (COLUMN,...): With --from: rows that agree in these columns are one cell.
+        addresses (ADDRESS): Address that the manifest may read from besides files, such as
+            s3://bucket/folder; repeatable.
         cell (RESULT): Result whose OCV and capacity all cells use; instead of --ocv.
 
     Search:
@@ -80,15 +80,15 @@ def fleet(
         scheduler (ADDRESS|local): Dask scheduler instead of processes; local starts one.
         shard (K/N): Only the K-th of N parts of the fleet, for an array of jobs.
         retry: Repeat the cells that failed.
-        dry_run: Compute nothing, but list what cannot be used: files, and values of the manifest.
+        dry_run: Only check the manifest and its files; list the problems.
 
     Output:
         out (FOLDER): Folder of the dataset, or its address; an interrupted run continues there.
         keep_results: Also write each cell's result.json (to results/ID).
-        keep_factors (tables|constants): Also keep what a fit of records needs (to factors/ID): of
-            tables over SOC, or of constant circuits alone.
-        ageing: Also keep what barnax life needs: capacity, OCV shift, R0 and all resistances at
-            50 % SOC of each row's records.
+        keep_factors (tables|constants): Also keep what a later fit needs (to factors/ID), without
+            the records: a fit of tables over SOC, or of constant circuits alone.
+        ageing: Also store what barnax life needs: each row's capacity, OCV shift, R0 and total
+            resistance at 50 % SOC.
         quiet (--quiet -q): Print nothing but warnings.
     """
     session, wording = Session(is_quiet=quiet), reporting.wording.wording
@@ -233,9 +233,9 @@ def life(
 ) -> None:
     """Show how a fleet's cells age, and flag outliers.
 
-    Trends of capacity, resistances and OCV have 95 % intervals, are smooth in age
-    and pooled over the fleet. What the records do not determine is said, not
-    guessed.
+    Trends of capacity, resistances and OCV are smooth in age, pooled over the
+    fleet, and have 95 % intervals. What the records do not determine is reported
+    as such.
 
     Arguments:
         dataset (DATASET): Folder that barnax fleet --ageing wrote, or its address.
@@ -244,11 +244,11 @@ def life(
         by (COLUMN): Column that names the cell of a row (default: specimen, cell_name, name or
             serial).
         age (COLUMN): Column of dates, or of ages in days, weeks, months, years, cycles or
-            ampere-hours, by its name (default: the first called so).
+            ampere-hours as its name says (default: the first such column).
         throughput (COLUMN): Column of ampere-hours since new, for equivalent full cycles.
-        false_alarms (RATE): Cells flagged without a fault, of each cell and year, or 365 cycles.
-        cell (NAME): A page of this cell too; repeatable (default: of those that are odd).
-        key (N): Random key of the fleets without faults.
+        false_alarms (RATE): Accepted false alarms per cell and year, or per cell and 365 cycles.
+        cell (NAME): Also write a page for this cell; repeatable (default: the outliers).
+        key (N): Random key of the simulated fleets without faults.
     """
     inputs = [] if is_address(dataset) else [Path(dataset)]
     run = output.begun("barnax-life", *inputs, with_jax=False)

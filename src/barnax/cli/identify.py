@@ -25,7 +25,7 @@ class Identification:
     """Options of an identification.
 
     Output:
-        design (FOLDER): Compare the intervals that this barnax design promised with those reached.
+        design (FOLDER): Compare the intervals with those that this barnax design predicted.
     """
 
     job: Annotated[
@@ -53,8 +53,8 @@ def identify(
             run as it is. Without any, the bundled cell is identified.
 
     Files:
-        plan: Only print the plan, as TOML: what would be done with which file. identify accepts it
-            instead of the folder.
+        plan: Only print the plan, as TOML: the role of each file and what would be done with it.
+            identify accepts it in place of the folder.
     """
     if plan:
         return _print_plan(options, records or [])
@@ -261,9 +261,9 @@ def pack(
         record (FILE): Record with one current and many cell voltages.
 
     Files:
-        cells ('V*'): Columns of the cell voltages, as patterns with commas between several
-            (default: those that are numbered alike).
-        separate_time_constants: Let every cell have its own, instead of the mean cell's.
+        cells ('V*'): Columns of the cell voltages, as patterns separated by commas (default:
+            columns whose names differ by a number).
+        separate_time_constants: Fit every cell's time constants, not only the mean cell's.
     """
     if "validate" in job:
         raise InputError("`validate` does nothing for a pack, whose record is the only one")

@@ -116,7 +116,7 @@ class Shared:
 
     Output:
         report: Also write report.html and report.md (with every figure).
-        live: Let records be zoomed in report.html, which is then written too.
+        live: Also write report.html, with records that can be zoomed.
         paper: Also write figures/paper: every figure as PDF and SVG, one journal column wide (89
             mm, 7 pt).
         force: Replace the file if it exists.
@@ -135,8 +135,9 @@ class Paths:
         validate (FILE): Record to validate on; repeatable.
 
     Search:
-        bounds (FILE.toml): File of bounds: a table [bounds], such as "R0 [Ohm]" = [0.001, 0.1].
-        fix (NAME=VALUE): Hold a parameter, such as "C1 [F]=500"; repeatable.
+        bounds (FILE.toml): Bounds of parameters: a table [bounds] with lines such as "R0 [Ohm]" =
+            [0.001, 0.1].
+        fix (NAME=VALUE): Hold a parameter at a value, such as "C1 [F]=500"; repeatable.
     """
 
     ocv: list[Path] | None = None

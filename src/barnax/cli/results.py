@@ -27,7 +27,7 @@ PAGE = "report.html"
 
 @group
 class ResultOnRecord:
-    """A stored result and a record; the window stored of it applies, unless changed.
+    """A stored result and a record, whose stored window applies unless options change it.
 
     Arguments:
         record (RECORD): Record to simulate.
@@ -66,9 +66,9 @@ class ResultOnRecord:
 def show(*, results: list[Path], whole: bool = False, choice: bool = False) -> None:
     """Print a result, or several side by side with what differs.
 
-    Of one result it is the first screen with its warnings, as identify printed it,
-    without the plan and the next step. Of two cells, two ages or two temperatures:
-    the parameters with their intervals, and which differ beyond them.
+    One result is shown as identify printed it, with its warnings but without the
+    plan and the next step. Two cells, two ages or two temperatures are compared by
+    their parameters and intervals, and by which differ beyond them.
 
     Arguments:
         results (RESULT...): The folder that identify wrote, or its result.json; two or more are
@@ -114,8 +114,8 @@ def validate(
 ) -> None:
     """Print the errors of an identified circuit on another record.
 
-    The window of a record that the result is of applies, unless options
-    change it; of another record all is simulated.
+    A record that the result was identified on keeps its window, unless options
+    change it; any other record is simulated as a whole.
 
     Output:
         as_json (--json): Print the errors as JSON.
@@ -174,16 +174,16 @@ def soc(
 ) -> None:
     """Replay a record through a Kalman filter that tracks its SOC.
 
-    The filter runs from a right start, from starts 20 % too low and too high,
-    with a current offset, and with a wrong capacity. The window of a
-    record that the result is of applies, unless options change it.
+    The filter runs from the correct start, from starts 20 % too low and too high,
+    with a current offset, and with a wrong capacity. A record that the result was
+    identified on keeps its window, unless options change it.
 
     Filter:
         filter (sum|ekf|ukf): Gaussian sum of extended Kalman filters, one extended or one unscented
             Kalman filter.
         estimate (NAME,NAME): Parameters to estimate: offset (of the current), capacity, R0, R1,
             tau1 and so on; '' for none.
-        tables (--tables/--no-tables): Use the tables over SOC if the result has them, or not.
+        tables (--tables/--no-tables): Use the result's tables over SOC, or its constants.
     """
     run = output.begun("barnax-soc", on.result, on.record)
     stored = barnax.Result.load(on.result)
@@ -215,8 +215,8 @@ def report(
 ) -> None:
     """Write the report of a stored result as one HTML page.
 
-    The figures of identify and hppc are drawn again from the measured files. Where
-    those are not found, and for compare and soc, figures over time are left out.
+    Figures of identify and hppc are drawn again from the measured files. Without
+    these, and for compare and soc, figures over time are left out.
 
     Arguments:
         result (RESULT): The folder that identify, hppc, compare, soc or fleet wrote, or its

@@ -161,8 +161,7 @@ class CellSettings:
 
     Args:
         ocv_capacity: Capacity in Ah, if the OCV test does not run from full to empty.
-        ocv_fit: How the OCV curves are drawn: interpolated (PCHIP, the default), or a polynomial of
-            degree 7.
+        ocv_fit: OCV curves: interpolated (PCHIP, the default), or a polynomial of degree 7.
         hysteresis_fit: Hysteresis segments: continuous (they meet at the knots) or independent.
     """
 

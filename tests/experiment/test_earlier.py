@@ -10,7 +10,7 @@ import barnax
 from barnax.bundled import BUNDLED
 from barnax.cell import characterize
 from barnax.experiment.information import columns_of
-from barnax.experiment.prior import by_second, counting, prior_of_chemistry
+from barnax.experiment.prior import counting, prior_of_chemistry
 from barnax.model.prepared import Window, prepare_record
 from barnax.records import read_record
 from barnax.search.evaluate import Evaluation
@@ -30,10 +30,10 @@ def prior(prepared):
 
 def left(prepared, prior, error_v):
     """What a fit of tables leaves of an error."""
-    columns = columns_of(prior, by_second(prior, prepared))
+    columns = columns_of(prior, prepared)
     tables = columns[:, : len(prior.names)]
     error_v = error_v.copy()
-    error_v[:-1] -= tables @ np.linalg.lstsq(tables, error_v[:-1], rcond=1e-6)[0]
+    error_v -= tables @ np.linalg.lstsq(tables, error_v, rcond=1e-6)[0]
     simulated_v = prepared.voltage_v - error_v
     return Evaluation(prepared, simulated_v)
 
@@ -43,25 +43,17 @@ def correlated(rng, count, time_s, sd_v):
     return sd_v * np.sqrt(1 - kept**2) * lfilter([1.0], [1.0, -kept], rng.normal(size=count))
 
 
-def test_a_record_by_the_second_takes_the_same_charge(prepared, prior):
-    seconds = by_second(prior, prepared)
-    assert seconds.current_a.sum() / 3600 == pytest.approx(
-        prepared.capacity_ah * (prepared.soc[0] - prepared.soc[-1]), rel=1e-6
-    )
-    assert seconds.scored.all()
-
-
 @pytest.mark.slow
 def test_noise_is_distinguished_from_what_a_circuit_leaves_out(prepared, prior):
     rng = np.random.default_rng(3)
     count = len(prepared.soc)
-    columns = columns_of(prior, by_second(prior, prepared))
+    columns = columns_of(prior, prepared)
     left_out = columns[:, len(prior.names) :]
     found = {}
     for size in (0.0, 0.4, 0.8):
-        more_v = np.append(left_out @ rng.normal(size=left_out.shape[1]), 0.0) * size
+        more_v = left_out @ rng.normal(size=left_out.shape[1]) * size
         noise_v = correlated(rng, count, 10, 2e-3) + correlated(rng, count, 200, 2e-3)
-        left_v = left(prepared, prior, noise_v + more_v[:count])
+        left_v = left(prepared, prior, noise_v + more_v)
         found[size] = counting(prior, [left_v]).error
     assert found[0.0].left_out < 0.15
     assert found[0.0].rest_v == pytest.approx(found[0.0].rmse_v, rel=0.05)

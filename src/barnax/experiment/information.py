@@ -91,7 +91,7 @@ class Prior:
         error: What a fit leaves.
         settings: The tables that will be fitted; an OCV of the test's own where it has `ocv_nodes`.
         circuit: Name of the circuit.
-        earlier: Records that will be identified with the test's, by the second.
+        earlier: Records that will be identified with the test's.
         half_widths: Half the 95 % intervals that they left, relative or in V, as `halves_of` has
             them.
         printed: The same as they are printed, which may reach over more.
@@ -285,7 +285,7 @@ class Information:
 def columns_of(prior: Prior, prepared: PreparedRecord) -> Columns:
     """The derivatives of the error at every sample, by every unknown and by what the circuit leaves
     out."""
-    whole = replace(prepared, scored=np.ones_like(prepared.scored))
+    whole = replace(prepared.following(None), scored=np.ones_like(prepared.scored))
     objective = replace(prior.objective, prepared_records=[whole])
     blocks = linearized(objective, prior.solution, further=lambda _: _left_out(prior, prepared))
     return np.concatenate([columns for columns, *_ in blocks])
@@ -309,18 +309,20 @@ def _left_out(prior: Prior, prepared: PreparedRecord) -> Columns:
 
 @in_float64
 def information_of(prior: Prior, prepared: PreparedRecord) -> Information:
-    """The information of the scored samples of a record on an even clock."""
-    columns, interval_s = columns_of(prior, prepared), prepared.median_interval_s
-    columns[~prepared.scored] = 0.0
+    """The information of the scored samples of a record."""
+    columns, interval_s = columns_of(prior, prepared)[prepared.scored], prepared.median_interval_s
+    times_s = prepared.time_s[prepared.scored] - prepared.time_s[0] + interval_s / 2
     of_unknowns = np.ascontiguousarray(columns[:, : len(prior.names)])
     noise = np.zeros((len(prior.names),) * 2)
     for time_s, sd_v in prior.error.noise:
         # Of errors that change slowly, a few samples together are one.
-        together, slots = max(1, int(time_s / SLOTS_A_TIME / interval_s)), of_unknowns
-        if together > 1:
-            slots = np.add.reduceat(slots, np.arange(0, len(slots), together), axis=0)
-        noise += sd_v**2 * (slots.T @ summed(slots, time_s / (together * interval_s)))
-    return Information(int(np.count_nonzero(prepared.scored)), columns.T @ columns, noise)
+        slot_s = interval_s * max(1, int(time_s / SLOTS_A_TIME / interval_s))
+        number = np.floor(times_s / slot_s).astype(int)
+        first = np.flatnonzero(np.diff(number, prepend=-1))
+        slots = np.zeros((number[-1] + 1, len(noise)))
+        slots[number[first]] = np.add.reduceat(of_unknowns, first, axis=0)
+        noise += sd_v**2 * (slots.T @ summed(slots, time_s / slot_s))
+    return Information(len(columns), columns.T @ columns, noise)
 
 
 @dataclass(frozen=True)

@@ -19,11 +19,11 @@ from ..cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION
 from ..cell.soc_axis import CAPACITY_WARNING, GIVEN
 from ..cell.tables import LEAST_OHM
 from ..errors import InputError, attempt, require_choice
-from ..model.prepared import PreparedRecord
 from ..model.sampling import least_r0_share
 from ..over_soc.fit import TableFit
 from ..over_soc.intervals import MAX_SLOTS, UNSEEN
 from ..over_soc.level import with_fitted_ocv
+from ..over_soc.registration import in_seconds
 from ..over_soc.settings import TableSettings
 from ..records import read_record
 from ..results import Result
@@ -198,8 +198,9 @@ def prior_of_result(result: Result, temperature_degc: float | None = None) -> Pr
     evaluations = attempt(lambda: result.evaluations.identification)
     if isinstance(evaluations, InputError):
         evaluations, untold = (), str(evaluations)
+    # What is slow is told by fast records in means as well.
     earlier = [
-        evaluated
+        result.fits.evaluate(in_seconds(evaluated.prepared))
         for evaluated, part in zip(evaluations, parts, strict=False)
         if temperature_degc is None or part.is_at(temperature_degc)
     ]
@@ -302,9 +303,8 @@ def counting(prior: Prior, earlier: Sequence[Evaluation]) -> Prior:
     """The same with records that are identified with the test's, and the error that they show."""
     if not earlier:
         return prior
-    seconds = [by_second(prior, evaluated.prepared) for evaluated in earlier]
-    prior = replace(prior, earlier=seconds)
-    return replace(prior, error=error_of(prior, earlier))
+    records = [evaluated.prepared for evaluated in earlier]
+    return replace(prior, earlier=records, error=error_of(prior, earlier))
 
 
 def typical_error(rmse_v: float) -> Error:
@@ -325,21 +325,6 @@ def _worst(fit: TableFit, nodes: tuple[float, ...]) -> Float[np.ndarray, "nodes"
     return np.maximum(ratio, LEAST_WORST)
 
 
-def by_second(prior: Prior, prepared: PreparedRecord) -> PreparedRecord:
-    """A record by the second, of which those with a sample count."""
-    time_s = prepared.time_s - prepared.time_s[0]
-    soc = np.interp(np.arange(0.0, time_s[-1] + 1.0), time_s, prepared.soc)
-    counted = np.isin(np.arange(len(soc) - 1), _second(prepared)[prepared.scored])
-    current_a = -np.diff(soc) * prepared.capacity_ah * 3600
-    seconds = prior.loaded(current_a, float(soc[0]))
-    named = replace(seconds.record, name=prepared.record.name)
-    return replace(seconds, record=named, scored=counted)
-
-
-def _second(prepared: PreparedRecord) -> np.ndarray:
-    return np.floor(prepared.time_s - prepared.time_s[0] + 1e-6).astype(int)
-
-
 def error_of(prior: Prior, earlier: Sequence[Evaluation]) -> Error:
     """The error of a fit with these tables as its residuals on its records show it: how much of it
     is noise, and how much comes of a cell that is more than its circuit.
@@ -348,23 +333,16 @@ def error_of(prior: Prior, earlier: Sequence[Evaluation]) -> Error:
     Noise would leave errors that look so too, of an expected size; what is more tells how large
     that is which the circuit leaves out.
     """
-    errors, stacked = [], []
     usual = replace(prior, error=replace(prior.error, left_out=1.0))
-    longest_s = max(evaluated.prepared.scored_duration_s for evaluated in earlier)
-    for evaluated, seconds in zip(earlier, prior.earlier, strict=True):
-        scored, counted = evaluated.prepared.scored, seconds.scored
-        second, count = _second(evaluated.prepared)[scored], len(counted)
-        sums_v, samples = (
-            np.bincount(second, weights, count)[:count][counted]
-            for weights in (evaluated.error_v[scored], np.ones(len(second)))
-        )
-        errors.append(sums_v / samples)
-        stacked.append(columns_of(usual, seconds)[counted])
-    columns, clock = np.concatenate(stacked), (one_clock(prior.earlier), longest_s, MAX_SLOTS)
+    records = [evaluated.prepared for evaluated in earlier]
+    columns = np.concatenate([columns_of(usual, one)[one.scored] for one in records])
+    longest_s = max(prepared.scored_duration_s for prepared in records)
+    clock = one_clock(records), longest_s, MAX_SLOTS
     followed, left_out = np.split(columns, [len(prior.names)], axis=1)
     basis = _basis(followed)
     # What bounds and smoothing kept a fit from following is left too.
-    error_v, left_out = np.concatenate(errors), _without(left_out, basis)
+    error_v = np.concatenate([one.error_v[one.prepared.scored] for one in earlier])
+    left_out = _without(left_out, basis)
     explaining = _basis(left_out)
     noise = fit_noise(error_v, basis, *clock)
     both = np.concatenate([basis, explaining], axis=1)

@@ -74,7 +74,7 @@ def register(
     Where the records leave the axis of SOC so, they stay as they were told.
     """
     plain = replace(settings, folds=0, max_boxes=0)
-    means = [_in_means(prepared).following(prepared.dependence) for prepared in prepared_records]
+    means = [in_seconds(prepared).following(prepared.dependence) for prepared in prepared_records]
     records, moves = list(means), np.empty((0, 4))
     prior = np.array([prior_sd(prepared) for prepared in prepared_records])
     shifts, errors = np.zeros_like(prior), np.zeros_like(prior)
@@ -127,8 +127,8 @@ def _halved(nodes: tuple[float, ...]) -> tuple[float, ...]:
     return tuple(dict.fromkeys((*nodes[::2], nodes[-1])))
 
 
-def _in_means(prepared: PreparedRecord) -> PreparedRecord:
-    """A fast record in means over a second: starts and capacities are of what is slow."""
+def in_seconds(prepared: PreparedRecord) -> PreparedRecord:
+    """A fast record in means over a second, for what is slow; itself where it is none."""
     means = in_means(prepared.record, MEANS_S)
     return prepared if means is prepared.record else prepared.in_window(prepared.window, means)
 

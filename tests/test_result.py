@@ -98,7 +98,7 @@ def test_a_seed_that_failed_altogether_is_stored(result):
     lost = replace(second, rmse_v=math.inf)
     search = replace(refinement.search, seeds=(first, lost))
     refinement = replace(refinement, search=search)
-    evaluations = result.evaluations, None
+    evaluations = (result.evaluations,)
     optimum = find_global_optimum(problem)
     made = barnax.make_result(problem, evaluations, optimum, refinement, warnings=())
     document = json.loads(made.to_json())

@@ -61,18 +61,17 @@ def search_and_assess(
     with watch("Evaluating", 0):
         by_circuit = partial(evaluate, parameters=parameters)
         validated = setup.validation(problem.circuit)
-        constant = Evaluations.of(by_circuit, problem.prepared_records, validated)
-        of_tables = None
+        evaluations = [Evaluations.of(by_circuit, problem.prepared_records, validated)]
         if tables is not None:
             validated = setup.validation(setup.records[0].circuit)
-            of_tables = Evaluations.of(tables.evaluate, setup.records, validated)
+            evaluations.append(Evaluations.of(tables.evaluate, setup.records, validated))
     other = _resampled(problem, parameters)
     assessment = None
     with watch("Assessing", 0):
         if trust != "none":
             assessment = _attempt("the intervals", warnings, assess, problem, parameters)
-        if tables is not None and of_tables is not None:
-            tables = _assessed(setup, tables, of_tables, warnings)
+        if tables is not None:
+            tables = _assessed(setup, tables, evaluations[-1], warnings)
         if assessment is not None:
             uncertainty = assessment.uncertainty
             if other is not None and tables is None and uncertainty[R0].excludes(other.r0):
@@ -84,7 +83,7 @@ def search_and_assess(
             examination = _attempt("fitting again", warnings, examine, *given)
             assessment = replace(assessment, examination=examination)
     result = make_result(
-        problem, (constant, of_tables), optimum, refinement, tables=tables, assessment=assessment,
+        problem, evaluations, optimum, refinement, tables=tables, assessment=assessment,
         hold_shift_ohm=None if other is None else other.r0 - parameters.r0,
         tried=setup.tried, warnings=tuple(warnings),
     )  # fmt: skip
@@ -114,7 +113,7 @@ def best_of(
 
 def make_result(
     problem: Problem,
-    evaluations: tuple[Evaluations, Evaluations | None],
+    evaluations: Sequence[Evaluations],
     optimum: GlobalOptimum | None = None,
     refinement: Refinement | None = None,
     *,
@@ -128,7 +127,7 @@ def make_result(
 
     Args:
         problem: The problem that was searched.
-        evaluations: The best constant circuit on the records, and the tables.
+        evaluations: The best constant circuit on the records, then the tables, if any.
         optimum: The global optimum, None if the box is too wide to look for it.
         refinement: Where Levenberg-Marquardt took the seeds, None without seeds.
         tables: Tables over SOC that are the answer.
@@ -139,7 +138,7 @@ def make_result(
     best = best_of(refinement, optimum)
     if optimum is not None and refinement is not None:
         optimum = optimum.beside(refinement)
-    constant, of_tables = evaluations
+    constant, of_answer = evaluations[0], evaluations[-1]
     part = ConstantPart(
         model=problem.circuit,
         parameters=best.parameters,
@@ -154,7 +153,6 @@ def make_result(
         bounds=dict(problem.bounds.ranges),
         fixed=dict(problem.bounds.fixed),
     )
-    of_answer = of_tables or constant
     result = Result(
         schema_version=10,
         model=of_answer.identification[0].prepared.circuit,
@@ -170,7 +168,7 @@ def make_result(
         versions=versions(),
         **more,
     )
-    result._evaluations = evaluations
+    result._evaluations = tuple(evaluations)
     return result
 
 
@@ -186,17 +184,13 @@ def _fitted(fit: Callable[[], TableFits], records: Sequence[PreparedRecord]) -> 
 
 def _candidates(setup: Setup, result: Result) -> tuple[Candidate, ...]:
     """The constant circuit and the answer, with their errors."""
-    constant, tables = result.constant, result.tables
+    alone, fits = result.without_tables(), result.fits
     held_out = {(one.circuit, one.nodes): one.held_out for one in setup.tried if not one.follows}
-    gap = constant.global_optimum and constant.global_optimum.proved_gap
-    proved = held_out.get((constant.model, 1)), gap, tables is None
-    of_constant = Candidate.of(constant.model, None, constant.metrics, *proved)
-    if tables is None:
+    of_constant = Candidate.of(alone, held_out.get((alone.model, 1)), fits.over is None)
+    if fits.over is None:
         return (of_constant,)
-    crossed = tables.fits[0].cross_validation if tables.over_temperature is None else None
-    proof = tables.over_temperature or tables.reference
-    errors = crossed and crossed.tables, proof.proved_gap, True
-    answer = Candidate.of(result.model, tables.over, result.metrics, *errors)
+    crossed = result.fit.cross_validation if fits.over_temperature is None else None
+    answer = Candidate.of(result, crossed.tables if crossed else None, True)
     # Without an OCV test the constant circuit has an OCV that is fitted to the tables.
     return (answer,) if setup.is_alone else (of_constant, answer)
 

@@ -142,8 +142,8 @@ def identify_pack(job: PackJob) -> Pack:
     if read.scan is not None:
         chosen["voltage_lag"] = read.record.voltage_lag_s
     result = identify(PackJob(**chosen))
-    tables = result.tables
-    if tables is None:
+    tables = result.fits
+    if result.over is None:
         raise InputError(f"{read.record.name}: has no tables over SOC, so no cells are told")
     prepared = result.evaluations.identification[0].prepared
     if prepared.hysteresis_amplitude_v is not None:

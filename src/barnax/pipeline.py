@@ -24,7 +24,7 @@ from .model.problem import Problem
 from .model.window import Window
 from .notices import Notice
 from .optimizers import make_optimizer
-from .over_soc.fits import R0, require_temperature, table_warnings
+from .over_soc.fits import R0, fit_warnings, require_temperature
 from .over_soc.problem import is_loaded
 from .over_soc.registration import rest_warnings
 from .over_soc.temperature import group_by_temperature, require_temperatures
@@ -255,24 +255,17 @@ def _with_warnings(result: Result, problem: Problem, inputs: Inputs | None = Non
     ]
     records = [(one.prepared.record, one.prepared.temperature_degc) for one in identified]
     warnings += compare_resistances(records)
-    fits, constant = result.tables, result.constant
-    facts = constant.facts if fits is None else result.fit.facts
+    bounds = {bound.name for bound in result.at_bound}
     lower_ends = [
         (fact.low or 0.0) / fact.value
-        for fact in facts
-        if fact.name == R0 and fact.is_assessed and fact.value and (fact.is_mean or not fits)
+        for fact in result.fit.facts
+        if fact.name == R0 not in bounds and fact.is_mean and fact.is_assessed and fact.value
     ]
     for one in identified:
         warnings += step_warnings(one, result.fits.of(one.prepared), *lower_ends)
     for prepared in (one.prepared for one in of_constant.validation):
         warnings += [*prepared.record.warnings, *prepared.warnings, *rest_warnings(prepared)]
-    if result.tables is None:
-        warnings += [
-            Notice("answer.at-bound", {"name": hit.name, "side": hit.side})
-            for hit in result.constant.at_bound
-        ]
-    else:
-        warnings += table_warnings(result.tables, result.evaluations)
+    warnings += fit_warnings(result.fits, result.evaluations)
     warnings = _without_contradicted(result, warnings)
     return result.model_copy(
         update={"warnings": tuple(dict.fromkeys([*warnings, *result.warnings]))}

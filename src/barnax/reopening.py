@@ -119,16 +119,16 @@ def loaded(kind: type[Result], path: str | Path, data: Data, reading: Reading) -
     return result
 
 
-def reopened(result: Result, inputs: StoredInputs) -> tuple[Evaluations, Evaluations | None]:
-    """A stored result's constant circuit and its tables, simulated again on its records.
+def reopened(result: Result, inputs: StoredInputs) -> tuple[Evaluations, ...]:
+    """A stored result's constant circuit and its tables, if any, simulated again on its records.
 
     Raises `InputError` where a record is not found, is another, or no longer gives the stored
     errors.
     """
     parts = *result.of_role("identification"), *result.of_role("validation")
     pairs = [(part, inputs.read(part)) for part in parts]
-    of_constant = _evaluations(result.without_tables(), pairs)
-    return of_constant, None if result.tables is None else _evaluations(result, pairs)
+    answers = [result.without_tables(), *([result] if result.over else [])]
+    return tuple(_evaluations(answer, pairs) for answer in answers)
 
 
 def _evaluations(result: Result, pairs: Sequence[tuple[InputPart, Record]]) -> Evaluations:

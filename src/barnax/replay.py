@@ -229,7 +229,7 @@ def replay_soc(
         sha256=measured.sha256,
         model=used.model,
         circuit=used.answer,
-        with_tables=used.tables is not None,
+        with_tables=used.over is not None,
         settings=settings,
         states=model.states + len(settings.estimate),
         samples=len(prepared.soc),

@@ -107,7 +107,7 @@ def axis_sd_of(result: Result, capacity_ah: float) -> float:
 
 
 def errors_of(result: Result) -> ErrorModel:
-    """The error model of an identification: that of its tables over SOC, if it has them.
+    """The error model of an identification.
 
     White and lasting parts are multiples of the residuals in a tenth of SOC. The bias is that of
     the OCV: the standard error and the bias of its correction at a node, which allow for the
@@ -118,16 +118,16 @@ def errors_of(result: Result) -> ErrorModel:
 
     Raises `InputError` for a result without an assessment.
     """
-    constant, tables, fit = result.constant, result.tables, result.fit
-    if constant.assessment is None:
+    fit = result.fit
+    if result.constant.assessment is None:
         raise InputError(
             "this result has no residual statistics, which set the filter's noise; "
             "identify again with `trust` 'basic'"
         )
-    bands = constant.assessment.diagnostics.by_soc if tables is None else tables.by_soc
+    bands = result.fits.by_soc
     # Where the fit has seen nothing, its nearest error has to do; a result may have none by SOC.
     by_soc = {((band.low or 0.0) + (band.high or 1.0)) / 2: band.rmse_v for band in bands}
-    by_soc = by_soc or {0.5: constant.metrics.identification.rmse_v}
+    by_soc = by_soc or {0.5: result.constant.metrics.identification.rmse_v}
     residual_v = np.interp(GRID, list(by_soc), list(by_soc.values()))
     residual_v = np.maximum(residual_v, LEAST_NOISE_V)
     bias_v = LASTING * residual_v
@@ -143,7 +143,7 @@ def errors_of(result: Result) -> ErrorModel:
         values = [interval.value for interval in determined]
         step_v = np.median(np.abs(np.diff(values, prepend=values[:1])))
         bias_v = np.hypot(bias_v, step_v * np.sqrt(np.abs(behind)))
-    is_turned = tables is None or fit.tables.gamma is None or fit.determines_rate
+    is_turned = result.over is None or fit.tables.gamma is None or fit.determines_rate
     share = HYSTERESIS if is_turned else UNTURNED
     half_v = result.cell_at().branch_gap_v(np.clip(GRID, 0.0, 1.0)) / 2
     return ErrorModel(
@@ -174,8 +174,8 @@ def model_of(
         cell = replace(cell, capacity_ah=capacity_ah)
         errors = replace(errors, axis_sd=axis_sd_of(result, capacity_ah))
     fitted = {
-        name.partition(" [")[0]: estimate.relative_error
-        for name, estimate in result.constant.estimates.items()
+        fact.name.partition(" [")[0]: fact.standard_error / fact.value
+        for fact in result.without_tables().fit.constant_facts
     }
     rest_a, slow_sd = result.start_rest_current_a, []
     choices = [OFFSET, CAPACITY, *(name for name in fitted if name[0] in "Rt")]

@@ -14,6 +14,7 @@ from pydantic import AfterValidator, Field, ValidationInfo, field_validator, mod
 from .cell import CircuitParameters, OcvTable, get_circuit
 from .cell.model import SAME_DEGC
 from .errors import choices_in
+from .global_optimum.certificate import CERTIFIED_GAP
 from .global_optimum.search import GlobalOptimum
 from .metrics import Count, Metrics
 from .model.sampling import resampled_share
@@ -21,8 +22,9 @@ from .model.start import Start
 from .model.window import Window
 from .over_soc.cross_validation import SocErrors
 from .over_soc.fit import TableFit
-from .over_soc.node_interval import Fact, NodeInterval
-from .over_soc.settings import table_name
+from .over_soc.fits import TableFits
+from .over_soc.node_interval import NodeInterval
+from .over_soc.settings import TableSettings, table_name
 from .records import Decision, Record, Source
 from .records.fingerprint import Content, read_fingerprint
 from .schema import Parameters, Part
@@ -97,10 +99,12 @@ class Candidate:
         return table_name(self.model, self.over)
 
     @classmethod
-    def of(cls, model: str, over: str | None, metrics: MetricsBlock, *given: Any) -> "Candidate":
-        """The candidate with its errors."""
+    def of(cls, answer: Any, held_out: SocErrors | None, is_answer: bool) -> "Candidate":
+        """The candidate of a result."""
+        metrics, fits = answer.metrics, answer.fits
         validation_v = tuple(errors.rmse_v for errors in metrics.validation)
-        return cls(model, over, soc_errors(metrics.identification), validation_v, *given)
+        errors = soc_errors(metrics.identification), validation_v, held_out
+        return cls(answer.model, fits.over, *errors, fits.proved_gap, is_answer)
 
 
 class InputPart(Part):
@@ -257,28 +261,14 @@ class ConstantPart(Part):
         return {estimate.name: estimate for estimate in assessed}
 
     @property
-    def facts(self) -> tuple[Fact, ...]:
-        """The parameters and time constants, of those that were free with their intervals."""
-        values = self.parameters.to_dict().items()
-        estimates = self.estimates.values() or [Estimate(name, value) for name, value in values]
-        return tuple(
-            Fact(
-                each.name, None, each.value, 0.0, 0.0, each.low, each.high,
-                is_assessed=each.relative_error is not None,
-            )
-            for each in estimates
-        )  # fmt: skip
-
-    @property
-    def fit(self) -> TableFit:
-        """The circuit as tables of one node, for whoever asks what either kind of answer has.
-
-        Its box is `bounds`, and it has no `tau_ranges_s`.
-        """
-        optimum, errors = self.global_optimum, self.metrics.identification
-        return TableFit(
+    def fits(self) -> TableFits:
+        """The circuit as tables of one node. Its box is `bounds`, and it has no `tau_ranges_s`."""
+        optimum, assessed = self.global_optimum, self.assessment
+        errors, estimates = self.metrics.identification, self.estimates.values()
+        best = optimum if optimum and self.source == "global optimum" else errors
+        fit = TableFit(
             tables=self.parameters,
-            objective_v=errors.rmse_v,
+            objective_v=best.rmse_v,
             errors=tuple(map(soc_errors, self.metrics.jointly or (errors,))),
             tau_ranges_s=(),
             lower_bound_v=optimum.lower_bound_v if optimum else 0.0,
@@ -286,11 +276,17 @@ class ConstantPart(Part):
             boxes=(optimum and optimum.boxes) or 0,
             at_bound=self.at_bound,
             parameters=len(self.bounds),
-            intervals=tuple(map(self._interval, self.estimates.values())),
+            intervals=tuple(self._interval(one) for one in estimates if one.has_interval),
             cross_validation=None,
             warnings=(),
             means=tuple(self._means()),
         )
+        # A capacitance is no number of tables.
+        fixed = {name: value for name, value in self.fixed.items() if not name.endswith("[F]")}
+        share = {"proved_share": CERTIFIED_GAP}
+        settings = TableSettings(nodes=self.parameters.nodes, fixed=fixed, **share)
+        bands = assessed.diagnostics.by_soc if assessed else ()
+        return TableFits((fit,), None, settings, bands, self.hold_shift_ohm)
 
     def _means(self) -> Iterator[NodeInterval]:
         """The resistances, each its own mean, and sums of pairs that the data do not tell apart."""

@@ -78,7 +78,7 @@ class Result(Document):
     warnings: tuple[NoticeField, ...]
     versions: dict[str, str]
 
-    _evaluations: tuple[Evaluations, Evaluations | None] | None = PrivateAttr(None)
+    _evaluations: tuple[Evaluations, ...] | None = PrivateAttr(None)
     _inputs: Any = PrivateAttr(None)
     remedy: ClassVar[str] = "give the result.json that barnax identify wrote"
 
@@ -88,7 +88,7 @@ class Result(Document):
         if self.over is not None:
             yield "over", self.over
         yield "rmse_v", self.metrics.identification.rmse_v
-        if self.tables is None:
+        if self.over is None:
             yield "parameters", self.parameters
 
     @model_validator(mode="after")
@@ -112,8 +112,7 @@ class Result(Document):
                 "this result was read from a file without its records; `Result.load` finds them "
                 "for the evaluations and the figures over time"
             )
-        constant, tables = self._evaluations
-        return constant if self.tables is None or tables is None else tables
+        return self._evaluations[0 if self.over is None else -1]
 
     @classmethod
     def load(
@@ -257,7 +256,7 @@ class Result(Document):
         several temperatures, those nearest to 25 degC.
         """
         circuit = self.circuit_parameters
-        if self.tables is None:
+        if self.over is None:
             return {**circuit.to_dict()}
         return {"SOC": circuit.nodes, **circuit.tables, **circuit.constants}
 
@@ -274,7 +273,7 @@ class Result(Document):
     @property
     def fits(self) -> TableFits:
         """The answer as it was fitted, at each temperature; constants as tables of one node."""
-        return self.tables or TableFits((self.constant.fit,))
+        return self.tables or self.constant.fits
 
     @property
     def fit(self) -> TableFit:

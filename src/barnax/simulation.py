@@ -125,10 +125,10 @@ def _doubts(
         if len(outside):
             at = {"samples": len(outside), "time_s": profile.time_s[outside[0]]}
             at |= {"low_percent": 100 * low, "high_percent": 100 * high}
-            at |= {"what": "tables" if result.tables else "circuit"}
+            at |= {"what": "tables" if result.over else "circuit"}
             ends = _at(result, given_degc).cell_at().soc_range
             is_within = ends[0] - SAME_FULL <= soc.min() and soc.max() <= ends[1] + SAME_FULL
-            held = "true" if result.tables else None
+            held = "true" if result.over else None
             yield Notice("simulation.outside-soc", {**at, "held": held if is_within else "ocv"})
     degc = profile.temperature_degc
     dependence = _at(result, given_degc).circuit_parameters.dependence

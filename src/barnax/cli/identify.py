@@ -184,7 +184,7 @@ def result_files(
 ) -> dict[str, bytes]:
     """The figures, and the report where it is wanted, by their path in the folder."""
     tables: dict[str, bytes] = {}
-    if result.tables:
+    if result.over:
         tables[TABLES] = reporting.parameters.tables_csv(result.fits)
     if result.pulses:
         tables["pulses.csv"] = reporting.pulses.pulses_csv(result.pulses)

@@ -220,9 +220,9 @@ def prior_of_result(result: Result, temperature_degc: float | None = None) -> Pr
             f"a test is designed for RC pairs, and the answer is {result.model}; identify with "
             "`model` so-rc"
         )
-    if result.tables is not None and result.over != "ocv":
+    if result.fit.is_over_soc:
         fit = replace(result.fit, intervals=intervals)
-        prior = prior_of_fit(fit, result.tables.settings, cell, rmse_v)
+        prior = prior_of_fit(fit, result.fits.settings, cell, rmse_v)
     else:
         circuit = result.circuit_parameters
         r0_ohm, *r_ohm = np.repeat(circuit.ohm, len(NODES), axis=1)
@@ -239,7 +239,7 @@ def prior_of_result(result: Result, temperature_degc: float | None = None) -> Pr
     rates_c = (largest_c, largest_c / 2) if largest_c else prior.rates_c
     taus = tuple(bound for bound in result.at_bound if bound.name.startswith("tau"))
     used = [one.prepared for one in earlier]
-    is_open = result.tables is not None and result.tables.hold_shift_ohm is not None
+    is_open = result.over is not None and result.fits.hold_shift_ohm is not None
     prior = replace(
         prior, rates_c=rates_c, untold=untold, ocv_soc=_ocv_range(cell), at_bound=taus,
         beyond=("hold",) * is_open + ("pair",) * bool(used and least_r0_share(used) < 1),

@@ -15,7 +15,7 @@ from ..cell.curves import KNOTS, SegmentedHysteresis
 from ..cell.elements import get_element, names_of
 from ..cell.parameters import HALF_HYSTERESIS, OCV, OCV_CORRECTION, OHMIC
 from ..errors import InputError, escaped
-from ..over_soc.settings import TableSettings, circuit_name
+from ..over_soc.settings import circuit_name
 from ..results import Result
 from .exporter import caveats_of
 
@@ -54,7 +54,7 @@ class Tables:
     `resistances` are R0, R1 and so on in ohm: one value of each; where the circuit is tabulated,
     one for each of `nodes` over SOC; where it is tabulated over temperature too, a row of those for
     each of `degc`, the measured temperatures and some that are interpolated between them.
-    `parameters` are those of the constant circuit, or of the one beside the tables. `ocv` has the
+    `parameters` are those at the temperature nearest to 25 degC. `ocv` has the
     correction of the tables in it, and is the one nearest to 25 degC; `ocv_v` is the same, with a
     row for each of `degc` where there are several.
 
@@ -115,28 +115,25 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
             "iso-rc"
         )
     reference = fits.reference_degc
-    cell, parameters = result.cell_at(reference), result.constant.parameters.laddered()
-    degc, cells, over_soc, index = None, [cell], [], 0
-    resistances = parameters.ohm
-    if fits.tables is not None:
+    cell, degc, index = result.cell_at(reference), None, 0
+    cells, answers = [cell], [fits.reference.tables]
+    if fits.tables:
         degc = _with_some_between(fits.tables.temperatures_degc)
         cells, index = [result.cell.at(each) for each in degc], degc.index(reference)
-        over_soc = [fits.tables.at(each) for each in degc]
-    elif result.tables:
-        over_soc = [fits.reference.tables]
-    over_soc = [_from_empty_to_full(tables.laddered()) for tables in over_soc]
-    if over_soc:
-        # R0, R1 and so on first, then the temperatures.
-        resistances = np.stack([tables.ohm for tables in over_soc], axis=1)
-        resistances = resistances if degc else resistances[:, 0]
+        answers = [fits.tables.at(each) for each in degc]
+    answers = [tables.laddered() for tables in answers]
+    over_soc = [_from_empty_to_full(tables) for tables in answers] if fits.over else []
+    # R0, R1 and so on first, then the temperatures.
+    resistances = np.stack([tables.ohm for tables in over_soc or answers], axis=1)
+    resistances = resistances if degc else resistances[:, 0]
     soc, ocv_v = _ocv(circuit, cells, over_soc)
-    hysteresis, constants = circuit.hysteresis_on(cell), over_soc[index] if over_soc else parameters
+    hysteresis, parameters = circuit.hysteresis_on(cell), answers[index]
     return Tables(
         result=result,
         caveats=_caveats(result, circuit, cell, over_soc),
         parameters=parameters,
-        tau_s=constants.tau_s,
-        gamma=constants.gamma,
+        tau_s=parameters.tau_s,
+        gamma=parameters.gamma,
         nodes=over_soc[0].nodes if over_soc else None,
         degc=degc,
         resistances={f"R{number}": values for number, values in enumerate(resistances)},
@@ -160,11 +157,8 @@ def _caveats(
             ladders.append((names, get_element(element).description, pairs + 1, pairs + count))
         pairs += count
     bounds = {bound.name for bound in result.at_bound}
-    facts = result.constant.facts
-    if result.tables is not None:
-        held = {name for name, ends in result.tables.settings.ranges.items() if ends[0] == ends[1]}
-        bounds |= held
-        facts = [fact for fact in result.fit.facts if fact.soc is None and not fact.is_mean]
+    bounds |= result.fits.held
+    facts = [fact for fact in result.fit.facts if fact.soc is None and not fact.is_mean]
     facts = [fact for fact in facts if fact.is_assessed and fact.name not in bounds]
     limits = [fact for fact in facts if fact.high is not None and not fact.low]
     undetermined = [fact.name for fact in facts if fact.low is None and fact.high is None]
@@ -185,8 +179,7 @@ def _caveats(
 
 def _ocv_without_samples(result: Result) -> Iterator[tuple[float | None, str]]:
     """The ranges of nodes of a fitted OCV that no sample is near, at each temperature."""
-    settings = result.tables.settings if result.tables else TableSettings()
-    nodes = [node for node in settings.ocv_nodes or () if 0 <= node <= 1]
+    nodes = [node for node in result.fits.settings.ocv_nodes or () if 0 <= node <= 1]
     for degc, fit in result.fits.by_degc:
         seen = {node.soc for node in fit.of_table(OCV)}
         # Neighbors as one range.

@@ -119,18 +119,16 @@ def simulate_here(
 ) -> Float[np.ndarray, "samples"]:
     """barnax's own terminal voltage in V for a result's circuit, or its tables, on a profile.
 
-    Where resistances change with SOC, intervals are cut in `FINER`: barnax holds a resistance over
-    an interval, and a solver does not.
+    Intervals are cut in `FINER`: barnax holds a resistance over an interval, and a solver does not.
     """
-    finer = 1 if result.tables is None else FINER
     samples = np.arange(len(profile.time_s))
-    time_s = np.interp(np.arange(finer * samples[-1] + 1) / finer, samples, profile.time_s)
-    current_a = np.append(np.repeat(profile.current_a[:-1], finer), profile.current_a[-1])
+    time_s = np.interp(np.arange(FINER * samples[-1] + 1) / FINER, samples, profile.time_s)
+    current_a = np.append(np.repeat(profile.current_a[:-1], FINER), profile.current_a[-1])
     # No export holds what resistances follow beside SOC, as its caveats say.
     simulated = simulate_current(
         result, time_s, current_a, has_hysteresis=not without_hysteresis, has_dependence=False
     )
-    return simulated.voltage_v[::finer]
+    return simulated.voltage_v[::FINER]
 
 
 def pulse_profile(result: Result) -> HeldLoad:

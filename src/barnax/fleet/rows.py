@@ -36,7 +36,6 @@ from ..results import Result
 from ..run_setup import bounded_tables
 from ..search.evaluate import pooled
 from ..settings import CellSettings, Reading, Settings
-from ..uncertainty.covariance import named_values
 from .dataset import factors_path, keep_file, result_path
 from .manifest import FleetCell, Options, short_name, stamp
 
@@ -304,7 +303,8 @@ def _given(path: str, reading: Reading) -> Any:
 
 def row_of(result: Result, warnings: Sequence[Notice]) -> Row:
     """A result, flat: parameters under PyBaMM's names with their intervals, errors, certificate."""
-    constant, evaluations = result.constant, result.without_tables().evaluations
+    constant, alone = result.constant, result.without_tables()
+    evaluations = alone.evaluations
     errors = constant.metrics.identification
     first = result.of_role("identification")[0]
     row: Row = {
@@ -318,26 +318,25 @@ def row_of(result: Result, warnings: Sequence[Notice]) -> Row:
         "sampling": first.hold and first.hold.value,
         "sampling evidence": first.hold and first.hold.reason,
     }
-    ends = {name: (estimate.low, estimate.high) for name, estimate in constant.estimates.items()}
-    for name, value in named_values(constant.parameters).items():
-        row[name] = value
-        if ends:
-            row[f"{name} low"], row[f"{name} high"] = ends[name]
+    for fact in alone.fit.constant_facts:
+        row[fact.name] = fact.value
+        if alone.fit.intervals:
+            row[f"{fact.name} low"], row[f"{fact.name} high"] = fact.low, fact.high
     validated = evaluations.validation
     validation = pooled(validated, "validation") if validated else None
     row |= _errors_of("", errors) | _errors_of("validation ", validation)
-    if result.tables is not None:
+    if result.over is not None:
         row["tables RMSE [V]"] = result.metrics.identification.rmse_v
         row |= _middle_of(result.fit)
     bands = bands_by_soc(evaluations.identification)
     rmse_v = {round(10 * (band.low or 0.0)): band.rmse_v for band in bands}
     for tenth in range(10):
         row[f"RMSE SOC {10 * tenth} to {10 * tenth + 10} % [V]"] = rmse_v.get(tenth)
-    is_certified, gap = _proof_of(result)
+    gap = result.fits.proved_gap
     hashes = [part.sha256 for part in result.inputs]
     return row | {
-        "answer": constant.source if result.tables is None else result.answer,
-        "certified": is_certified,
+        "answer": result.answer if result.over else constant.source,
+        "certified": gap is not None and gap <= result.fits.settings.proved_share,
         "proved gap": gap,
         "at bound": "; ".join(f"{hit.name} {hit.side}" for hit in constant.at_bound),
         **_warning_columns([warning for warning in warnings if warning.counts]),
@@ -348,15 +347,6 @@ def row_of(result: Result, warnings: Sequence[Notice]) -> Row:
 def _warning_columns(warnings: Sequence[Notice]) -> dict[str, list[str]]:
     codes = [warning.code for warning in warnings]
     return {"warnings": [str(warning) for warning in warnings], "warning codes": codes}
-
-
-def _proof_of(result: Result) -> tuple[bool, float | None]:
-    """True if the answer is proved, and the largest share of its error that another could save."""
-    optimum, part = result.constant.global_optimum, result.tables
-    if part is not None:
-        gap = (part.over_temperature or result.fit).proved_gap
-        return gap <= part.settings.proved_share, gap
-    return (False, None) if optimum is None else (optimum.status == "certified", optimum.proved_gap)
 
 
 def _middle_of(fit: TableFit, whose: str = "tables ") -> dict[str, float | None]:

@@ -21,6 +21,7 @@ from ..model.reference import error_blocks
 from ..notices import Notice
 from ..schema import NoticeField
 from ..search.answers import AtBound, near_ends
+from ..uncertainty.covariance import named_values
 from .certificate import certify
 from .cross_validation import CrossValidation, SocErrors, cross_validate, with_spread
 from .dependence import with_asked
@@ -123,7 +124,7 @@ class TableFit(Brief):
     @cached_property
     def facts(self) -> tuple[Fact, ...]:
         """Every number of the fit once: the nodes of its tables, what has one value at every SOC,
-        the means, and the nodes of a fitted OCV.
+        of a constant circuit with its capacitances, the means, and the nodes of a fitted OCV.
 
         The interval of a number over SOC is the one that every output shows: what another record of
         the cell would show, where the records tell it."""
@@ -136,6 +137,11 @@ class TableFit(Brief):
             for node in zip(tables.nodes, row, visited, strict=True)
         ]
         numbers += [(name, None, value, True) for name, value in tables.constants.items()]
+        if tables.is_constant:
+            values = named_values(tables).items()
+            soc = dict.fromkeys(tables.tables, tables.nodes[0])
+            numbers = [(name, soc.get(name), value, True) for name, value in values]
+        names = {name for name, _ in intervals}
         facts = [
             self._fact(
                 intervals.get((name, soc)) or NodeInterval(name, soc, value, 0.0, 0.0, None, None),
@@ -146,7 +152,10 @@ class TableFit(Brief):
             )
             for name, soc, value, is_visited in numbers
         ]
-        means = (self._fact(mean, is_mean=True) for mean in self.means)
+        means = (
+            self._fact(mean, is_mean=True, is_assessed=parts_of(mean.name)[0] in names)
+            for mean in self.means
+        )
         return (*facts, *means, *map(self._fact, self.of_table(OCV)))
 
     @property

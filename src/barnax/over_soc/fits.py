@@ -131,6 +131,17 @@ class TableFits:
         return "soc" if self.reference.is_over_soc else "ocv"
 
     @property
+    def proved_gap(self) -> float | None:
+        """The largest share of the error that another fit could save; None without a proof."""
+        fit = self.over_temperature or self.reference
+        return None if self.reference.status == "unverified" else fit.proved_gap
+
+    @property
+    def held(self) -> set[str]:
+        """What was held at a value."""
+        return {name for name, ends in self.settings.ranges.items() if ends[0] == ends[1]}
+
+    @property
     def reference(self) -> TableFit:
         """The fit of `reference_degc`."""
         return dict(self.by_degc)[self.reference_degc]
@@ -237,8 +248,12 @@ def require_temperature(prepared: PreparedRecord) -> float:
     return degc
 
 
-def table_warnings(fits: TableFits, evaluations: Evaluations) -> Iterator[Notice]:
-    """Notices that a user of tables over SOC should know; `evaluations` are of the tables."""
+def fit_warnings(fits: TableFits, evaluations: Evaluations) -> Iterator[Notice]:
+    """Notices that a user of the answer should know; `evaluations` are of it."""
+    if fits.over is None:
+        for hit in fits.reference.at_bound:
+            yield Notice("answer.at-bound", {"name": hit.name, "side": hit.side})
+        return
     over, identified = fits.over_temperature, evaluations.identification
     degc = [""] if over is None else [f" at {degc:.3g} degC" for degc in over.temperatures_degc]
     what = "tables over SOC"

@@ -121,7 +121,7 @@ def _pieces(design: "Design") -> Iterator[dict[str, Any]]:
 
 def promised_screen(design: "Design", result: "Result") -> Page:
     """The promises of a design beside what an identification reached."""
-    if result.tables is None:
+    if result.over is None:
         return screen([Entries(sentences("design.kept", True, []))])
     is_alone = len(result.of_role("identification")) == 1
     lines = sentences("design.kept", False, [*_differences(design, result)])

@@ -67,10 +67,9 @@ def next_step(result: "Result") -> Next:
     missed_v = _missed_by_the_polynomial_v(result.cell)
     if missed_v > MISS_TOLERANCE_V:
         return Next(wording("next.interpolate", missed_v), {"ocv_fit": "interpolated"})
-    constant = result.constant
-    upper = [bound.name for bound in constant.at_bound if bound.side == "upper"]
+    upper = [bound.name for bound in result.at_bound if bound.side == "upper"]
     at_bound = [symbol(name) for name in upper if name.endswith("[Ohm]")]
-    if result.tables is None and (len(at_bound) > 1 or constant.metrics.identification.r2 < 0):
+    if len(at_bound) > 1 or (result.over is None and view.errors.r2 < 0):
         return Next(wording("next.no_circuit", at_bound))
     names = {part.name for part in view.identified}
     disagrees = any(warning.code == "ocv-test.disagrees" for warning in result.warnings)
@@ -79,7 +78,7 @@ def next_step(result: "Result") -> Next:
     if disagrees:
         return Next("see what the records tell without the OCV test, which disagrees with them")
     others = _other_temperatures(result)
-    if others and result.tables is not None:
+    if others and result.over:
         return Next(wording("next.other_temperatures", others), {"over": OVER_TEMPERATURE})
     unseen = Unseen.of(view)
     if unseen and unseen.error_v >= max(LOST * unseen.fitted_v, LOST_V):
@@ -94,7 +93,7 @@ def next_step(result: "Result") -> Next:
     if wide and unseen and unseen.error_v > SMALL_V:
         return Next(f"measure what is missing: {wide}", designs=True)
     circuit = get_circuit(result.model)
-    if result.tables is not None:
+    if result.over:
         what, target = _export(circuit)
         return Next(wording("next.export", what, result.fits), exports=target)
     if not result.tried and alike(circuit.elements) < len(circuit.elements):

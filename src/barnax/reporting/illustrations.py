@@ -134,7 +134,7 @@ def _of_ocv(result: "Result") -> Picture:
 
 def _of_tables(result: "Result") -> Drawn:
     """The tables over SOC, beside the constant circuit; none where that is the answer."""
-    if result.tables is None:
+    if result.over is None:
         return []
     fits, degc = result.fits, result.fits.reference_degc
     where = "" if degc is None else f" at {degc:.3g} degC"

@@ -67,8 +67,8 @@ def parameters_frame(result: Result) -> "polars.DataFrame":
     """`Result.to_frame`."""
     import polars as pl
 
-    if result.tables is None:
-        rows = [(fact.name, fact.value, fact.low, fact.high) for fact in result.constant.facts]
+    if result.over is None:
+        rows = [(fact.name, fact.value, fact.low, fact.high) for fact in _facts(result.fit)]
         number = dict.fromkeys(("value", "low", "high"), pl.Float64)
         return pl.DataFrame(rows, {"parameter": pl.String, **number}, orient="row")
     nodes = [
@@ -248,16 +248,13 @@ def show(*results: Result | str | Path, names: tuple[str, ...] = ()) -> SideBySi
         raise InputError(f"the names {', '.join(names)} are not {len(loaded)} different ones")
     have_tables = all(result.over for result in loaded)
     are_apart = len({result.fit.tables.elements for result in loaded}) > 1
-    ranges = [
-        result.fit.mean_soc if have_tables and result.fit.is_over_soc else None for result in loaded
-    ]
+    shown = loaded if have_tables else [result.without_tables() for result in loaded]
+    fits = [result.fit for result in shown]
+    ranges = [fit.mean_soc if fit.is_over_soc else None for fit in fits]
     means_soc = _common(ranges)
     quantities = {
-        name: {
-            _key(fact, result, soc, are_apart): fact
-            for fact in (_compared(result.fit, soc) if have_tables else result.constant.facts)
-        }
-        for name, result, soc in zip(names, loaded, means_soc, strict=True)
+        name: {_key(fact, result, soc, are_apart): fact for fact in _compared(result.fit, soc)}
+        for name, result, soc in zip(names, shown, means_soc, strict=True)
     }
     (_, first), *others = quantities.items()
     changes = {
@@ -270,7 +267,6 @@ def show(*results: Result | str | Path, names: tuple[str, ...] = ()) -> SideBySi
         {name: tuple(map(_title, alike.get(change, ()))) for name, alike in changes.items()}
         for change in ("beyond", "too wide to tell")
     )
-    shown = loaded if have_tables else [result.without_tables() for result in loaded]
     report = document(
         "beside",
         results=dict(zip(names, shown, strict=True)),

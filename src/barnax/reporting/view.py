@@ -136,9 +136,7 @@ class View:
     def low_soc(self) -> tuple[float, float] | None:
         """The shares of the squared error and of the samples that are below 10 % SOC; None without
         errors by SOC."""
-        tables, assessment = self.result.tables, self.result.constant.assessment
-        bands = assessment.diagnostics.by_soc if assessment else ()
-        bands = bands if tables is None else tables.by_soc
+        bands = self.result.fits.by_soc
         low = [band for band in bands if band.high is not None and band.high <= ABOVE_SOC + 1e-9]
         if not low:
             return None
@@ -260,17 +258,9 @@ class View:
         at_upper = {bound.name for bound in self.result.fit.at_bound if bound.side == "upper"}
         return tau.name in at_upper and tau.value >= self.longest_s * (1 - 1e-3)
 
-    @cached_property
-    def held(self) -> set[str]:
-        """The parameters that were held at a value."""
-        if self.result.tables is None:
-            return {*self.result.constant.fixed}
-        ranges = self.result.tables.settings.ranges
-        return {name for name, ends in ranges.items() if ends[0] == ends[1]}
-
     def interval(self, fact: "Fact", value: str) -> str:
         """The interval of a number beside its value; empty without one."""
-        if fact.name in self.held:
+        if fact.name in self.result.fits.held:
             return "held"
         if fact.low is None and fact.high is None:
             for bound in self.result.fit.at_bound:
@@ -298,8 +288,6 @@ class View:
     def surpassed(self) -> "list[tuple[Metrics, Metrics]]":
         """The errors of the constant circuit and of the tables that are the answer, on each record
         that the constant circuit simulates better; errors within `SAME` are no better."""
-        if self.result.tables is None:
-            return []
         pairs = zip(self.result.constant.metrics.validation, self.validation_errors, strict=True)
         return [pair for pair in pairs if pair[0].rmse_v < (1 - SAME) * pair[1].rmse_v]
 

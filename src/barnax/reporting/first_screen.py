@@ -88,7 +88,7 @@ def next_step(result: "Result") -> Next:
     if not (view.validation_errors or (held_out and held_out.by_record)):
         return Next("validate on another record of the cell, with `validate`")
     if view.surpassed and len(view.surpassed) == len(view.validation_errors):
-        return Next("take the constants, which validate better", {"model": constant.model})
+        return Next("take the constants, which validate better", {"model": result.constant.model})
     wide = _wide(view)
     if wide and unseen and unseen.error_v > SMALL_V:
         return Next(f"measure what is missing: {wide}", designs=True)

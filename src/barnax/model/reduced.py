@@ -238,9 +238,9 @@ class ColumnBlock:
     far: Int[np.ndarray, "decays others"]
     left: Float[np.ndarray, "decays others"]
 
-    def rows(self, layout: Layout, is_chosen: Bool[np.ndarray, "samples"]) -> Columns:
+    def rows(self, layout: Layout, chosen: Int[np.ndarray, "chosen"]) -> Columns:
         """All columns at some of the samples."""
-        local = self.local_columns[is_chosen]
+        local = self.local_columns[chosen]
         rows, decaying = np.zeros((len(local), layout.width)), local.shape[1] - len(self.columns)
         rows[:, self.columns] = local[:, decaying:]
         if decaying:

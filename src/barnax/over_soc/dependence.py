@@ -226,7 +226,7 @@ class _Normal:
         cls, objective: TableObjective, solution: Solution, trials: Sequence[Dependence] = ()
     ) -> "_Normal":
         products, samples = np.zeros(()), 0
-        every = slice(None, None, 1 + objective.reduced.scored // ENOUGH)
+        every = 1 + objective.reduced.scored // ENOUGH
         tables = objective.tables_at(solution)
 
         def differences(index: int) -> Float[np.ndarray, "scored trials"]:
@@ -239,8 +239,8 @@ class _Normal:
             return np.stack(moved, axis=1)[prepared.scored]
 
         further = differences if trials else None
-        for columns, base, _ in linearized(objective, solution, further=further):
-            rows = np.column_stack([columns, base])[every]
+        for columns, base, _ in linearized(objective, solution, further=further, every=every):
+            rows = np.column_stack([columns, base])
             products = products + rows.T @ rows
             samples += len(rows)
         return cls(objective, products / samples)

@@ -326,11 +326,13 @@ def linearized(
     best: Solution,
     beside_v: Float[np.ndarray, "simulated sides"] | None = None,
     further: Callable[[int], Float[np.ndarray, "scored further"]] | None = None,
+    every: int = 1,
 ) -> Iterator[Rows]:
     """Columns of all values, of all axes, of a dependence's numbers and of `further` unknowns at
     the scored samples, the base error of every side, and which of them come after the first load.
 
     `beside_v` is as `reduce_records` has it; `further` gives the columns of a record by its place.
+    Of a block's samples `every` so many counts.
     """
     tau, rate = best.log_scales[: objective.pairs], best.log_scales[objective.pairs :]
     rungs = rungs_of(objective.elements)
@@ -347,10 +349,11 @@ def linearized(
         others, first = none if further is None else further(index), 0
         informed = prepared.informed
         for block in blocks(prepared, layout):
-            scored = prepared.scored[block.here]
-            if not np.any(scored):
+            scored = np.flatnonzero(prepared.scored[block.here])
+            if not len(scored):
                 continue
-            sampled = replace(by_values, reduced=Reduced(layout, 1, block.rows(layout, scored)))
+            counted = scored[::every]
+            sampled = replace(by_values, reduced=Reduced(layout, 1, block.rows(layout, counted)))
             columns, base = sampled.columns(best.log_scales)
             slopes = [
                 (axis.columns_at(scale + STEP) - axis.columns_at(scale - STEP))
@@ -358,13 +361,13 @@ def linearized(
                 / (2 * STEP)
                 for axis, scale in zip(sampled.axes, best.log_scales, strict=True)
             ]
-            slopes += [slope[block.here][scored] for slope in of_numbers]
-            here, first = slice(first, first + len(base)), first + len(base)
+            slopes += [slope[block.here][counted] for slope in of_numbers]
+            here, first = slice(first, first + len(scored), every), first + len(scored)
             columns = np.column_stack([columns, *slopes, others[here]])
             sides = (
-                base[:, None] if beside_v is None else base[:, None] + beside_v[block.here][scored]
+                base[:, None] if beside_v is None else base[:, None] + beside_v[block.here][counted]
             )
-            yield columns, sides, informed[block.here][scored]
+            yield columns, sides, informed[block.here][counted]
 
 
 def _dependence_slopes(

@@ -51,7 +51,9 @@ def test_a_failure_names_its_file_and_the_manifests_columns(run, tmp_path):
     assert (dry.status, dry.out.count("initial_soc 95.0")) == (2, 1)
 
 
-def test_a_dry_run_reads_the_files_and_lists_the_cells_of_folders_in_folders(run, tmp_path):
+def test_a_dry_run_reads_the_files_and_lists_the_cells_of_folders_in_folders(
+    run, tmp_path, monkeypatch
+):
     rng = np.random.default_rng(0)
     for cell in ("one", "two"):
         folder = tmp_path / "fleet" / "batch" / cell
@@ -64,7 +66,10 @@ def test_a_dry_run_reads_the_files_and_lists_the_cells_of_folders_in_folders(run
     stuck = tmp_path / "fleet" / "stuck" / "drive.csv"
     stuck.parent.mkdir()
     pl.read_parquet(BUNDLED.record).with_columns(pl.lit(3.7).alias("Voltage / V")).write_csv(stuck)
+    monkeypatch.setattr("barnax.cli.session.PATIENCE_S", 0.01)
     dry = run("fleet", tmp_path / "fleet", "--dry-run")
+    # A large folder takes minutes, and says how far it is.
+    assert "Checking: 0:00:0" in dry.err
     lines = " ".join(dry.out.split())
     assert "batch: these are files of 2 cells" in lines
     assert "stuck: no record can be identified on" in lines

@@ -125,6 +125,15 @@ def test_each_search_ends_in_the_first_generation_where_its_stop_is_reached(
     np.testing.assert_array_equal(history_of(alone), history_of(stopped)[1])
 
 
+@pytest.mark.parametrize(
+    ("limit", "value"),
+    [("target", "a"), ("max_evaluations", 2.5), ("ftol", True), ("patience", "50")],
+)
+def test_a_stop_that_is_no_number_is_refused_with_its_value(limit, value):
+    with pytest.raises(ValueError, match=rf"^`{limit}` {value!r}"):
+        Stop(**{limit: value})
+
+
 def test_a_numpy_function_is_refused_bare_and_searched_wrapped(whole):
     def of_numpy(y, args):
         return float(np.linalg.norm(np.asarray(y) - args) ** 2)

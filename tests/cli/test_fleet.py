@@ -1,12 +1,14 @@
 """The command for fleets, without identifications."""
 
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 
 import numpy as np
 import polars as pl
 import pytest
 
 from barnax.bundled import BUNDLED
+from barnax.cli.session import Session
 
 
 @pytest.fixture(autouse=True)
@@ -66,10 +68,17 @@ def test_a_dry_run_reads_the_files_and_lists_the_cells_of_folders_in_folders(
     stuck = tmp_path / "fleet" / "stuck" / "drive.csv"
     stuck.parent.mkdir()
     pl.read_parquet(BUNDLED.record).with_columns(pl.lit(3.7).alias("Voltage / V")).write_csv(stuck)
-    monkeypatch.setattr("barnax.cli.session.PATIENCE_S", 0.01)
+    steps, watch = [], Session.watch
+
+    @contextmanager
+    def counted(session, title, total=0):
+        with watch(session, title, total):
+            yield lambda gained: steps.append((title, gained, total))
+
+    monkeypatch.setattr(Session, "watch", counted)
     dry = run("fleet", tmp_path / "fleet", "--dry-run")
     # A large folder takes minutes, and says how far it is.
-    assert "Checking: 0:00:0" in dry.err
+    assert steps == 2 * [("Checking", 1, 2)]
     lines = " ".join(dry.out.split())
     assert "batch: these are files of 2 cells" in lines
     assert "stuck: no record can be identified on" in lines

@@ -95,6 +95,8 @@ def test_a_guess_is_the_first_candidate_and_has_to_lie_inside():
     np.testing.assert_array_equal(guessed.value, CENTER)
     with pytest.raises(ValueError, match=r"`y0` \[9. 9.\] is not between"):
         run(y0=jnp.full(2, 9.0))
+    with pytest.raises(InputError, match=r"`y0` has arrays of the shapes \[\(3,\)\], and"):
+        run(y0=jnp.zeros(3))
 
 
 @pytest.mark.parametrize(

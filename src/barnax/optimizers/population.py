@@ -11,11 +11,13 @@ from typing import TYPE_CHECKING, Any
 import jax
 import jax.numpy as jnp
 import jax.random as jr
+import numpy as np
 import optimistix as optx
 from jax import lax
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, PyTree, Scalar
 
+from ..errors import InputError
 from .ask_tell import (
     AbstractPopulationSearch,
     Generation,
@@ -223,12 +225,19 @@ def flat_bounds(y: PyTree, options: dict[str, Any]) -> list[Array]:
     ]
     for low, high in zip(*ends, strict=True):
         require_order(low, high)
-    return [
-        jnp.concatenate(
-            [
-                jnp.broadcast_to(jnp.asarray(end, leaf.dtype), leaf.shape).ravel()
-                for end, leaf in zip(bound, leaves, strict=True)
-            ]
-        )
-        for bound in ends
-    ]
+    try:
+        return [
+            jnp.concatenate(
+                [
+                    jnp.broadcast_to(jnp.asarray(end, leaf.dtype), leaf.shape).ravel()
+                    for end, leaf in zip(bound, leaves, strict=True)
+                ]
+            )
+            for bound in ends
+        ]
+    except ValueError as problem:
+        shapes = [[np.shape(leaf) for leaf in jax.tree.leaves(each)] for each in (leaves, *ends)]
+        raise InputError(
+            "`y0` has arrays of the shapes {}, and the bounds {} and {}; give `y0` as the bounds "
+            "are".format(*shapes)
+        ) from problem

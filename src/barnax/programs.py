@@ -174,8 +174,8 @@ def _is_ready(folder: Path) -> bool:
     """True of a folder that programs can be written to, where the processor is described."""
     with suppress(OSError):
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        is_own = _is_private(folder.lstat()) and not folder.is_symlink()
-        return is_own and os.access(folder, os.W_OK) and bool(_processor())
+        is_ours = _is_private(folder.lstat()) and not folder.is_symlink()
+        return is_ours and os.access(folder, os.W_OK) and bool(_processor())
     return False
 
 

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 
 from ..notices import Notice, Severity
 from ..records.dialects import CHARGE, DISCHARGE
-from ..records.record import Places, equal_runs, run_sums
+from ..records.record import Indices, equal_runs, run_sums
 from ..records.samples import Samples
 from ..records.sign import step_votes
 from .check_input import CheckInput
@@ -164,14 +164,16 @@ def find_stuck_current(given: CheckInput) -> Iterator[Notice]:
         yield _stuck(given, "current", first, last, jump_v)
 
 
-def _stuck(given: CheckInput, channel: str, first: Places, last: Places, moved_v: float) -> Notice:
+def _stuck(
+    given: CheckInput, channel: str, first: Indices, last: Indices, moved_v: float
+) -> Notice:
     """The first run, and how many more there are."""
     values = given.samples.values[channel]
     value = values[first]
     is_end = bool(np.all((value == values.max()) | (value == values.min()))) and value[0] != 0
     worst = int(np.argmax(last - first))
     samples = int(np.sum(last - first + 1))
-    rows = given.record.row[given.places(channel)]
+    rows = given.record.row[given.indices(channel)]
     severity: Severity = "error" if samples > 0.01 * given.record.samples else "warning"
     return given.at(
         int(first[0]),

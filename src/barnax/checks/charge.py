@@ -154,10 +154,10 @@ def _rests(given: CheckInput) -> list[tuple[int, int, float]]:
     # Some short runs may be loads; they count only where there are no long ones.
     if np.any(chosen & (length_s >= _LONG_S)):
         chosen &= length_s >= _LONG_S
-    places = np.flatnonzero(chosen)
-    places = np.sort(places[np.argsort(-length_s[places], kind="stable")[:_ENOUGH]])
+    indices = np.flatnonzero(chosen)
+    indices = np.sort(indices[np.argsort(-length_s[indices], kind="stable")[:_ENOUGH]])
     rests, counters, moved_ah = [], given.samples.counters.both, record.moved_ah
-    for a, b in zip(first[places].tolist(), last[places].tolist(), strict=True):
+    for a, b in zip(first[indices].tolist(), last[indices].tolist(), strict=True):
         half = slice((a + b) // 2, b + 1)
         current_a, voltage_v = record.current_a[half], record.voltage_v[half]
         middle_a, third = float(np.median(current_a)), max(len(current_a) // 3, 1)

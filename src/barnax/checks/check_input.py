@@ -56,7 +56,7 @@ class CheckInput:
         given = replace(given, late_rows=round(late_s / record.usual_s))
         if not given.late_rows:
             return given
-        moved_v = record.voltage_v[given.places("voltage")]
+        moved_v = record.voltage_v[given.indices("voltage")]
         samples, record = samples.having(voltage=moved_v), replace(record, voltage_v=moved_v)
         return replace(given, samples=samples, record=record)
 
@@ -113,7 +113,7 @@ class CheckInput:
         """The OCV sweeps of the record, or why it is no OCV test."""
         return find_sweeps(self.record, self.capacity_ah)
 
-    def places(self, channel: str) -> Int[np.ndarray, "samples"]:
+    def indices(self, channel: str) -> Int[np.ndarray, "samples"]:
         """Where the file has each sample's reading of a channel."""
         late = self.late_rows if channel == "voltage" else 0
         return np.clip(np.arange(self.record.samples) + late, 0, self.record.samples - 1)
@@ -121,7 +121,7 @@ class CheckInput:
     def at(self, line: LineIndex, code: str, channel: str = "current", /, **values: Any) -> Notice:
         """A notice of one sample, or the first of several, in the row of its channel."""
         line = int(np.argmax(line)) if isinstance(line, np.ndarray) else line
-        return notice_at(self.samples, int(self.places(channel)[line]), code, **values)
+        return notice_at(self.samples, int(self.indices(channel)[line]), code, **values)
 
 
 Check = Callable[[CheckInput], Iterable[Notice]]

@@ -86,12 +86,12 @@ def find_skipped(given: CheckInput) -> Iterator[Notice]:
     skipped_ah = given.record.skipped_ah
     if skipped_ah is None:
         return
-    places = np.flatnonzero(skipped_ah)
-    counted_ah, more_ah = given.record.moved_ah[places], skipped_ah[places]
+    indices = np.flatnonzero(skipped_ah)
+    counted_ah, more_ah = given.record.moved_ah[indices], skipped_ah[indices]
     shown_ah = float(np.abs(counted_ah - more_ah).sum())
     is_much = np.abs(more_ah).sum() > _SKIPPED_SHARE * given.scale_ah
     charges = {"counted_ah": np.abs(counted_ah).sum(), "shown_ah": shown_ah}
-    notice = given.at(int(places[0]) + 1, "skipped.load", intervals=len(places), **charges)
+    notice = given.at(int(indices[0]) + 1, "skipped.load", intervals=len(indices), **charges)
     yield notice.rated("warning" if is_much else "note")
 
 
@@ -107,22 +107,22 @@ def find_breaks(given: CheckInput) -> Iterator[Notice]:
     """Places where the voltage goes elsewhere between two samples, and no current says why."""
     record = given.record
     moved_v = np.abs(np.diff(given.source_v))
-    places = np.flatnonzero(moved_v > max(_BREAK_V, _BREAK_NOISE * given.samples.noise_v))
+    indices = np.flatnonzero(moved_v > max(_BREAK_V, _BREAK_NOISE * given.samples.noise_v))
     # In a long interval a cell relaxes so far.
-    places = places[record.interval_s[places] <= FINE_S]
-    places = np.setdiff1d(places, gaps_in(record.interval_s))
-    places = places[(places >= _SIDE - 1) & (places + _SIDE < record.samples)]
-    window = places[:, None] + np.arange(1 - _SIDE, 1 + _SIDE)
+    indices = indices[record.interval_s[indices] <= FINE_S]
+    indices = np.setdiff1d(indices, gaps_in(record.interval_s))
+    indices = indices[(indices >= _SIDE - 1) & (indices + _SIDE < record.samples)]
+    window = indices[:, None] + np.arange(1 - _SIDE, 1 + _SIDE)
     around_v, around_a = given.source_v[window], record.current_a[window]
     sides_v = around_v[:, :_SIDE], around_v[:, _SIDE:]
     unsteady_v = np.maximum(*(np.ptp(side_v, axis=1) for side_v in sides_v))
     explained_v = _UNEXPLAINED * given.response_ohm * np.ptp(around_a, axis=1)
-    is_break = (unsteady_v < _UNSTEADY * moved_v[places]) & (explained_v < moved_v[places])
-    places = places[is_break]
-    if len(places) and given.samples.resistance_ohm:
-        at = int(places[0]) + 1
+    is_break = (unsteady_v < _UNSTEADY * moved_v[indices]) & (explained_v < moved_v[indices])
+    indices = indices[is_break]
+    if len(indices) and given.samples.resistance_ohm:
+        at = int(indices[0]) + 1
         values = {"before_v": record.voltage_v[at - 1], "after_v": record.voltage_v[at]}
-        values |= {"interval_s": record.interval_s[at - 1], "places": len(places)}
+        values |= {"interval_s": record.interval_s[at - 1], "places": len(indices)}
         yield given.at(at, "breaks.voltage", "voltage", **values)
 
 

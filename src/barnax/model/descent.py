@@ -155,18 +155,18 @@ CHUNK = 8192
 
 @dataclass(frozen=True)
 class GridSizes:
-    """Number of places on every axis: of a time constant by the number of elements, alone and
+    """Number of values on every axis: of a time constant by the number of elements, alone and
     beside a rate, and of the rate."""
 
     alone: Mapping[int, int]
     beside_rate: Mapping[int, int]
     rates: int
 
-    def places(self, ranges: Iterable[Range], elements: int) -> list[Float[np.ndarray, "places"]]:
-        """Evenly spaced places between the ends of every axis, the elements' first; one where there
+    def values(self, ranges: Iterable[Range], elements: int) -> list[Float[np.ndarray, "values"]]:
+        """Evenly spaced values between the ends of every axis, the elements' first; one where there
         is nothing to choose.
 
-        >>> GridSizes({1: 3}, {1: 2}, 2).places([(0.0, 1.0)], 1)
+        >>> GridSizes({1: 3}, {1: 2}, 2).values([(0.0, 1.0)], 1)
         [array([0. , 0.5, 1. ])]
         """
         ends = list(ranges)
@@ -204,23 +204,23 @@ def lowest_scales(
 
     Args:
         objective: Its axes, how many are `interchangeable`, and its `least_v2` at many scales.
-        sizes: Places on every axis.
+        sizes: Values on every axis.
         apart: Whether interchangeable pairs have time constants that differ, where there are
             several to choose from.
         factor: How many times the lowest sqrt(J) one may have.
     """
     elements = sum(axis.name != RATE for axis in objective.axes)
-    places = sizes.places(((axis.low, axis.high) for axis in objective.axes), elements)
-    lowest_v2 = np.full([len(axis) for axis in places], np.inf)
+    values = sizes.values(((axis.low, axis.high) for axis in objective.axes), elements)
+    lowest_v2 = np.full([len(axis) for axis in values], np.inf)
     points = np.indices(lowest_v2.shape).reshape(lowest_v2.ndim, -1)
-    least = 1 if apart and len(places[0]) > 1 else 0
+    least = 1 if apart and len(values[0]) > 1 else 0
     rises = np.diff(points[: objective.interchangeable], axis=0) >= least
     points = points[:, np.all(rises, axis=0)]
     for first in range(0, points.shape[1], CHUNK):
         here = points[:, first : first + CHUNK]
-        log_scales = np.stack([axis[at] for axis, at in zip(places, here, strict=True)])
+        log_scales = np.stack([axis[at] for axis, at in zip(values, here, strict=True)])
         lowest_v2[*here] = objective.least_v2(log_scales)
     return [
-        tuple(float(axis[at]) for axis, at in zip(places, point, strict=True))
+        tuple(float(axis[at]) for axis, at in zip(values, point, strict=True))
         for point in minima_of(lowest_v2, factor**2)
     ]

@@ -119,8 +119,8 @@ class Layout:
     sides: int = 1
 
     @cached_property
-    def places(self) -> dict[str, Int[np.ndarray, "count width"]]:
-        """The places of the columns of each part."""
+    def columns(self) -> dict[str, Int[np.ndarray, "count width"]]:
+        """The indices of the columns of each part."""
         ends = np.cumsum([count * width for count, width in self.sizes.values()])
         parts = zip(self.sizes.items(), np.split(np.arange(ends[-1]), ends[:-1]), strict=True)
         return {name: part.reshape(size) for (name, size), part in parts}
@@ -154,9 +154,9 @@ def by_first_visit(
     if len(layout.nodes) == 1 and not layout.has_correction:
         return np.arange(layout.width)
     first = np.full(layout.width, np.inf)
-    for name, places in layout.places.items():
+    for name, indices in layout.columns.items():
         nodes = np.array(layout.ocv_nodes if name == "correction" else layout.nodes)
-        if places.shape[1] != len(nodes) or name == "base":
+        if indices.shape[1] != len(nodes) or name == "base":
             continue
         seen, before = np.full(len(nodes), np.inf), 0
         for prepared in prepared_records:
@@ -165,10 +165,10 @@ def by_first_visit(
             for node in (left, np.minimum(left + 1, len(nodes) - 1)):
                 np.minimum.at(seen, node, at + before)
             before += len(prepared.soc)
-        first[places] = seen
+        first[indices] = seen
     # What no sample comes near stays empty; what every sample moves is last of all.
-    everywhere = [layout.places["base"].ravel()]
+    everywhere = [layout.columns["base"].ravel()]
     if not layout.has_amplitude:
-        everywhere.insert(0, layout.places["hysteresis_response"].ravel())
+        everywhere.insert(0, layout.columns["hysteresis_response"].ravel())
     order = np.argsort(first, kind="stable")
     return np.concatenate([order[~np.isin(order, np.concatenate(everywhere))], *everywhere])

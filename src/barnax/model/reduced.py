@@ -64,17 +64,17 @@ class Reduced:
         return np.multiply(self._block(name).transpose(1, 0, 2), scale, order="C")
 
     def _block(self, name: str) -> Float[np.ndarray, "rows few width"]:
-        places = self.layout.places[name]
-        if not places.size:
-            return np.empty((len(self.factor), *places.shape))
-        block = self.factor[:, places[0, 0] : places[-1, -1] + 1]
-        return block.reshape(len(block), *places.shape)
+        indices = self.layout.columns[name]
+        if not indices.size:
+            return np.empty((len(self.factor), *indices.shape))
+        block = self.factor[:, indices[0, 0] : indices[-1, -1] + 1]
+        return block.reshape(len(block), *indices.shape)
 
     def side(self, number: int) -> "Reduced":
         """The same of one of several voltages: what is left of its base error is one row."""
-        places = self.layout.places["base"][:, 0]
-        columns = np.delete(np.arange(self.layout.width), np.delete(places, number))
-        above, below = np.split(self.factor[:, columns], [places[0]])
+        indices = self.layout.columns["base"][:, 0]
+        columns = np.delete(np.arange(self.layout.width), np.delete(indices, number))
+        above, below = np.split(self.factor[:, columns], [indices[0]])
         last = np.zeros((1, len(columns)))
         last[0, -1] = np.linalg.norm(below[:, -1])
         layout = replace(self.layout, sides=1)
@@ -156,7 +156,7 @@ class _Triangle:
     def empty(cls, layout: Layout, order: Int[np.ndarray, "columns"]) -> "_Triangle":
         fixed = layout.sides
         if not layout.has_amplitude:
-            fixed += layout.places["hysteresis_response"].size
+            fixed += layout.columns["hysteresis_response"].size
         return cls(order, fixed, 0, np.zeros((layout.width,) * 2, order="F"))
 
     def joined_by(self, block: "ColumnBlock", is_member: Bool[np.ndarray, "_"]) -> "_Triangle":
@@ -182,14 +182,14 @@ class _Triangle:
             self._join(rows, np.append(far, position[block.columns]))
         return self
 
-    def _join(self, rows: Columns, places: Int[np.ndarray, "few"]) -> None:
+    def _join(self, rows: Columns, indices: Int[np.ndarray, "few"]) -> None:
         width = len(self.order)
-        early = places[places < width - self.fixed]
+        early = indices[indices < width - self.fixed]
         self.end = max(self.end, int(early.max(initial=-1)) + 1)
         first = int(early.min(initial=self.end))
         used = np.append(np.arange(first, self.end), np.arange(width - self.fixed, width))
         wide = np.zeros((len(rows), width))
-        wide[:, places] = rows
+        wide[:, indices] = rows
         at = np.ix_(used, used)
         self.factor[at] = update_triangular(self.factor[at], wide[:, used])
 
@@ -271,7 +271,7 @@ def blocks(
         if beside_v is not None:
             base = base + beside_v[here]
 
-        into, columns = [layout.places["pairs"][:, near]], [answers]
+        into, columns = [layout.columns["pairs"][:, near]], [answers]
         if rate is not None and hysteresis is not None:
             turning = np.asarray(hysteresis.hysteresis_input)
             hysteresis_state, response = answer_block(
@@ -283,29 +283,29 @@ def blocks(
                 # In place of the measured amplitude.
                 base = base + start * amplitude_v
                 into += [
-                    layout.places[name][:, near]
+                    layout.columns[name][:, near]
                     for name in ("hysteresis_response", "initial_hysteresis")
                 ]
                 columns += [-response[:, :, None] * spread[:, None], -start * spread]
             else:
-                into.append(layout.places["hysteresis_response"])
+                into.append(layout.columns["hysteresis_response"])
                 columns.append(-response * amplitude_v)
-        into.append(layout.places["current"][:, near])
+        into.append(layout.columns["current"][:, near])
         columns.append(np.asarray(inputs.current_a)[:size, None] * spread)
         if layout.has_correction:
             spread = hats(prepared.soc[here], layout.ocv_nodes)
             near = np.flatnonzero(np.any(spread, axis=0))
-            into.append(layout.places["correction"][:, near])
+            into.append(layout.columns["correction"][:, near])
             columns.append(-spread[:, near])
-        into.append(layout.places["base"])
+        into.append(layout.columns["base"])
         columns.append(base)
         far = np.flatnonzero(np.any(left, axis=0))
         left = left[: len(far) and len(left), far]
         if len(far):
             columns = [decays, *columns]
         local = np.concatenate([column.reshape(size, -1) for column in columns], axis=1)
-        moved = np.concatenate([places.ravel() for places in into])
-        yield ColumnBlock(here, local, moved, layout.places["pairs"][: len(left), far], left)
+        moved = np.concatenate([indices.ravel() for indices in into])
+        yield ColumnBlock(here, local, moved, layout.columns["pairs"][: len(left), far], left)
 
 
 class _SharedAnswers:

@@ -227,8 +227,8 @@ def fit_of(
     if errors is None:
         judged = prepared_records or objective.prepared_records
         errors = tuple(pooled_errors([prepared], tables) for prepared in judged)
-        untold = _untold(objective, errors)
-        nodes = [one.opened() if (one.name, one.soc) in untold else one for one in nodes]
+        undetermined = _undetermined(objective, errors)
+        nodes = [one.opened() if (one.name, one.soc) in undetermined else one for one in nodes]
     intervals = with_spread(objective, best, nodes)
     means = tuple(
         one for one in intervals if one.soc is None and parts_of(one.name)[0] in tables.tables
@@ -265,7 +265,7 @@ def fit_of(
     return replace(fit, warnings=_warnings(objective, fit))
 
 
-def _untold(objective: TableObjective, errors: Sequence[SocErrors]) -> set[tuple[str, float]]:
+def _undetermined(objective: TableObjective, errors: Sequence[SocErrors]) -> set[tuple[str, float]]:
     """The nodes of a nearly empty cell, by table, at which nothing but smoothing and the circuit
     tells a value: of R0 those that no step of the current is near; of an OCV of the records' own
     those without a long rest, where no circuit follows the loads, and the next one above, of whose

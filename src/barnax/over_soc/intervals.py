@@ -173,16 +173,16 @@ def _moves_of(
     usual = {} if dependence is None else dependence.usual
     given = np.arange(len(normal) - len(nuisances_sd), len(normal))
     normal[given, given] += weight
-    places = [len(normal) - len(given) - len(numbers) + [*numbers].index(name) for name in usual]
+    indices = [len(normal) - len(given) - len(numbers) + [*numbers].index(name) for name in usual]
     pull = best.objective_v2 * np.array([number.pull for number in usual.values()])
-    normal[places, places] += pull
+    normal[indices, indices] += pull
     lengths = np.diag(fit.products)
     is_seen = lengths > UNSEEN**2 * np.max(lengths)
     # Columns of H^-1 J' / N by which the noise moves every value.
     # By least squares, for a short record leaves some of them undetermined.
     by_nuisances = ways @ np.linalg.lstsq(normal, np.eye(len(normal))[:, given])[0]
     # What is usual is itself uncertain.
-    back = ways @ np.linalg.lstsq(normal, np.eye(len(normal))[:, places])[0]
+    back = ways @ np.linalg.lstsq(normal, np.eye(len(normal))[:, indices])[0]
     errors = pull * np.array([number.sd for number in usual.values()])
     return _Moves(
         noise=fit.noises[0],

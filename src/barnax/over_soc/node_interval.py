@@ -194,9 +194,9 @@ def sag_of(
     """
     if len(nodes) < 3:
         return np.zeros(len(nodes))
-    places, weights = np.polynomial.legendre.leggauss(POINTS)
+    points, weights = np.polynomial.legendre.leggauss(POINTS)
     steps = np.diff(nodes)
-    soc = (nodes[:-1, None] + steps[:, None] * (places + 1) / 2).ravel()
+    soc = (nodes[:-1, None] + steps[:, None] * (points + 1) / 2).ravel()
     roots = np.sqrt(steps[:, None] * weights).reshape(-1, 1)
     unit = np.eye(len(nodes))
     lines = np.stack([np.interp(soc, nodes, row) for row in unit], axis=1)

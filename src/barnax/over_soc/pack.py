@@ -218,21 +218,21 @@ def _directions(
     sums = {name: np.zeros(size) for name in QUANTITIES}
     sums[R0][pack.block(0)] = mean_of
     table = 1 + pack.pairs
-    places, ocv_nodes = pack.block(table), pack.nodes_of[table]
+    block, ocv_nodes = pack.block(table), pack.nodes_of[table]
     low = float(nodes[chosen][0])
     for resistance in range(table):
         sums[TOTAL][pack.block(resistance)] = mean_of
         sums[LOADED][pack.block(resistance)] = -prepared.capacity_ah * (nodes == low)
-    sums[LOADED][places] = np.array([np.interp(low, ocv_nodes, e) for e in np.eye(len(ocv_nodes))])
+    sums[LOADED][block] = np.array([np.interp(low, ocv_nodes, e) for e in np.eye(len(ocv_nodes))])
 
     seen = np.flatnonzero(pack.visited_of(table))
     ocv_v = prepared.cell.average_ocv_v(ocv_nodes) + mean.values[table]
     slope = np.gradient(ocv_v[seen], ocv_nodes[seen])
     start = float(prepared.soc[0])
     design = slope[:, None] * np.column_stack([np.ones(len(seen)), start - ocv_nodes[seen]])
-    variance = variance[places][seen]
+    variance = variance[block][seen]
     weight = np.where(variance > 0, 1 / np.sqrt(np.where(variance > 0, variance, 1.0)), 0.0)
     estimator = np.linalg.pinv(design * weight[:, None]) * weight
     for name, row in zip((SHIFT, CAPACITY), estimator, strict=True):
-        sums[name][places.start + seen] = row
+        sums[name][block.start + seen] = row
     return low, sums

@@ -159,8 +159,8 @@ class RecordFactors:
             return self
 
         def moved(part: Reduced) -> Reduced:
-            places, factor = part.layout.places, part.factor.copy()
-            factor[:, places["base"][0]] -= factor[:, places["correction"][0]] @ apart_v[:, None]
+            indices, factor = part.layout.columns, part.factor.copy()
+            factor[:, indices["base"][0]] -= factor[:, indices["correction"][0]] @ apart_v[:, None]
             return replace(part, factor=factor)
 
         return replace(self, cell=ocv, parts=tuple(map(moved, self.parts)))

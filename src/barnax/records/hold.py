@@ -99,7 +99,7 @@ def _from_counters(samples: Samples) -> Decision | None:
     only where the file has no step changes that tell. Where these prove nothing either, a lone
     change of step decides, unless the other intervals are against it.
     """
-    telling, places = _ledger(samples)
+    telling, indices = _ledger(samples)
     apart_ah = np.abs(telling[1] - telling[2])
     if not apart_ah.any():
         return None
@@ -107,7 +107,7 @@ def _from_counters(samples: Samples) -> Decision | None:
     weight = (apart_ah / apart_ah.max()) ** 2
     fraction = float(np.average(_fractions(telling), weights=weight))
     step = np.zeros(len(samples)) if samples.step is None else samples.step
-    at_changes = telling[:, step[places + 1] != step[places]]
+    at_changes = telling[:, step[indices + 1] != step[indices]]
     decision = _verdict(at_changes, "change", **_AT_CHANGES)
     decision = decision or _verdict(telling, "interval", **_ANYWHERE)
     if decision is None:
@@ -145,9 +145,9 @@ def _verdict(ledger: Ledger, word: str, *, fewest: int, margin: float) -> Decisi
     agreeing = float(np.mean((_fractions(ledger) > 0.5) == (hold == "backward")))
     if better > margin * worse or agreeing < _AGREEING:
         return None
-    places = counted(count, word) + (" of step" if word == "change" else "")
+    changes = counted(count, word) + (" of step" if word == "change" else "")
     reason = (
-        f"at {places} the tester's Ah counters follow the current of the interval's {which} "
+        f"at {changes} the tester's Ah counters follow the current of the interval's {which} "
         f"sample (off by {1e3 * better:.2g} mAh, by {1e3 * worse:.2g} mAh with the other)"
     )
     return Decision(hold, "strong", reason)
@@ -177,13 +177,13 @@ def _ledger(samples: Samples) -> tuple[Ledger, Int[np.ndarray, "telling"]]:
     # A hundredth of the record's largest step of charge keeps the noise of the current out.
     floor_ah = max(5 * quantum_ah, 0.01 * float(largest_ah))
     apart_ah = backward_ah - forward_ah
-    places = np.flatnonzero((apart_ah > floor_ah) | (apart_ah < -floor_ah))
-    ledger = np.stack([charge_ah[places] for charge_ah in (counted_ah, backward_ah, forward_ah)])
+    indices = np.flatnonzero((apart_ah > floor_ah) | (apart_ah < -floor_ah))
+    ledger = np.stack([charge_ah[indices] for charge_ah in (counted_ah, backward_ah, forward_ah)])
     is_reset = np.abs(ledger[0]) > 2 * np.abs(ledger[1:]).max(axis=0) + quantum_ah
     for counter_ah in (counters.charged_ah, counters.discharged_ah):
         if counter_ah is not None:
-            is_reset |= counter_ah[places + 1] < counter_ah[places]
-    return ledger[:, ~is_reset], places[~is_reset]
+            is_reset |= counter_ah[indices + 1] < counter_ah[indices]
+    return ledger[:, ~is_reset], indices[~is_reset]
 
 
 def _spread(values: Increments) -> float:
@@ -250,8 +250,8 @@ def _left_v(current_a: Rows, voltage_v: Rows, charge_ah: Rows) -> tuple[Rows, Ro
 
 def _hats(at: Rows, first: float, nodes: int) -> list[np.ndarray]:
     """Columns of a table over SOC that is linear between even nodes."""
-    places = np.linspace(first, 1.0, nodes)
-    return [np.maximum(1 - np.abs(at - node) / (places[1] - places[0]), 0.0) for node in places]
+    knots = np.linspace(first, 1.0, nodes)
+    return [np.maximum(1 - np.abs(at - node) / (knots[1] - knots[0]), 0.0) for node in knots]
 
 
 def _innovation(left_v: Rows, moved_v: Rows) -> float:

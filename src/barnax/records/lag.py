@@ -45,9 +45,9 @@ _FEWEST, _LEAST_STEP, _EVEN = 200, 0.05, 0.1
 
 Intervals = Float[np.ndarray, "intervals"]
 Rows = Float[np.ndarray, "samples"]
-Table = Float[np.ndarray, "places changes"]
+Table = Float[np.ndarray, "samples changes"]
 Voltages = Float[np.ndarray, "samples cells"]
-Changes = tuple[Int[np.ndarray, "places"], Table, Float[np.ndarray, "changes"]]
+Changes = tuple[Int[np.ndarray, "samples"], Table, Float[np.ndarray, "changes"]]
 
 
 @dataclass(frozen=True)
@@ -158,9 +158,9 @@ def whole_lag(interval_s: Intervals, current_a: Rows, voltage_v: Rows) -> int:
     moves = _changes(interval_s, current_a, _NEAR + _FAR, _ENOUGH)
     if moves is None:
         return 0
-    places, changes, scale = moves
+    indices, changes, scale = moves
     moved_v, tried = np.diff(voltage_v), range(-_FAR, _FAR + 1)
-    table = np.column_stack([changes, *(-moved_v[places + late] for late in tried)])
+    table = np.column_stack([changes, *(-moved_v[indices + late] for late in tried)])
     # On a busy machine threads wait for each other far longer than this takes.
     with one_blas_thread(), np.errstate(divide="ignore", invalid="ignore"):
         ohm, left = _answers(table.T @ table, scale)
@@ -184,17 +184,17 @@ def _changes(interval_s: Intervals, current_a: Rows, near: int, most: int) -> Ch
     # True where any so near is, but for as many at both ends.
     around = np.ones(2 * near + 1, int)
     steps, gaps = (np.convolve(flags, around, "valid") for flags in (is_step, is_uneven))
-    places = np.flatnonzero((steps > 0) & (gaps == 0)) + near
-    places = places[(places >= _FAR) & (places < len(step_a) - _FAR)][:most]
-    if len(places) < _FEWEST:
+    indices = np.flatnonzero((steps > 0) & (gaps == 0)) + near
+    indices = indices[(indices >= _FAR) & (indices < len(step_a) - _FAR)][:most]
+    if len(indices) < _FEWEST:
         return None
-    current_a = current_a[: places[-1] + 2]
-    columns = [step_a[places - late] for late in (-1, 0, 1)]
+    current_a = current_a[: indices[-1] + 2]
+    columns = [step_a[indices - late] for late in (-1, 0, 1)]
     for samples in _SLOW:
-        columns.append(np.diff(lagged(current_a - current_a[0], samples))[places])
-    table = np.column_stack([*columns, current_a[places], np.ones(len(places))])
+        columns.append(np.diff(lagged(current_a - current_a[0], samples))[indices])
+    table = np.column_stack([*columns, current_a[indices], np.ones(len(indices))])
     scale = np.sqrt(np.mean(table**2, axis=0))
-    return (places, table / scale, scale) if np.all(scale > 0) else None
+    return (indices, table / scale, scale) if np.all(scale > 0) else None
 
 
 def _usual_s(interval_s: Intervals) -> float:
@@ -284,17 +284,17 @@ def answers_ohm(record: Record) -> Answers | None:
     steps = np.flatnonzero(np.abs(moved_a) > least_a)[:_ENOUGH_STEPS]
     is_after = np.zeros(len(moved_a) + _ANSWERS, bool)
     is_after[steps[:, None] + np.arange(_ANSWERS)] = True
-    places = np.flatnonzero(is_after[: len(moved_a)])
-    places = places[places >= _ANSWERS - 1]
-    window = places[:, None] - np.arange(_ANSWERS)
+    indices = np.flatnonzero(is_after[: len(moved_a)])
+    indices = indices[indices >= _ANSWERS - 1]
+    window = indices[:, None] - np.arange(_ANSWERS)
     is_even = np.all(np.abs(record.interval_s[window] - usual_s) < _EVEN * usual_s, axis=1)
-    places, window = places[is_even], window[is_even]
-    if len(places) < _FEWEST_STEPS:
+    indices, window = indices[is_even], window[is_even]
+    if len(indices) < _FEWEST_STEPS:
         return None
     # The current before the steps and a constant stand for all that is slow.
     before_a = record.current_a[window[:, -1]]
-    design = np.column_stack([moved_a[window], before_a, np.ones(len(places))])
-    moved_v = np.diff(record.voltage_v)[places]
+    design = np.column_stack([moved_a[window], before_a, np.ones(len(indices))])
+    moved_v = np.diff(record.voltage_v)[indices]
     if np.linalg.matrix_rank(design) < design.shape[1]:
         return None
     inverse = np.linalg.inv(design.T @ design)

@@ -29,7 +29,7 @@ _NAMED_DEGC = re.compile(
     re.IGNORECASE,
 )
 
-Places = Int[np.ndarray, "places"]
+Indices = Int[np.ndarray, "indices"]
 Channel = Float[np.ndarray, "samples"]
 Intervals = Float[np.ndarray, "intervals"]
 
@@ -172,7 +172,7 @@ class Record(Brief):
         finite = measured[np.isfinite(measured)]
         return float(np.median(finite)) if len(finite) else degc_in_name(self.name)
 
-    def flowing_between(self, first: Places, last: Places) -> tuple[Places, Places]:
+    def flowing_between(self, first: Indices, last: Indices) -> tuple[Indices, Indices]:
         """The samples between which the currents of the samples `first` to `last` flowed."""
         if self.hold.value == "backward":
             return np.maximum(first - 1, 0), last
@@ -325,20 +325,20 @@ class Segments:
         return list(self.held_charges(capacity_ah, highest_v - NEAR_HIGHEST_V))
 
 
-def runs(holds: Bool[np.ndarray, "samples"]) -> tuple[Places, Places]:
+def runs(holds: Bool[np.ndarray, "samples"]) -> tuple[Indices, Indices]:
     """First and last place of each unbroken run where `holds` is true, in order."""
     edges = np.flatnonzero(np.diff(holds, prepend=False, append=False))
     return edges[::2], edges[1::2] - 1
 
 
-def equal_runs(values: np.ndarray, fewest: int = 1) -> tuple[Places, Places]:
+def equal_runs(values: np.ndarray, fewest: int = 1) -> tuple[Indices, Indices]:
     """First and last place of each run of equal values, of so many at least."""
     edges = np.flatnonzero(np.diff(values, prepend=np.nan, append=np.nan) != 0)
     is_long = np.diff(edges) >= fewest
     return edges[:-1][is_long], edges[1:][is_long] - 1
 
 
-def run_sums(values: np.ndarray, first: Places, last: Places) -> np.ndarray:
+def run_sums(values: np.ndarray, first: Indices, last: Indices) -> np.ndarray:
     """The sum over each run, of which the first and last places are given."""
     total = np.append(0, np.cumsum(values))
     return total[last + 1] - total[first]

@@ -188,10 +188,10 @@ def distinct_optima(refined: Sequence[RefinedSeed]) -> tuple[Optimum, ...]:
     )
 
 
-def near_ends(places: Iterable[tuple[str, float, float, float]]) -> tuple[AtBound, ...]:
+def near_ends(values: Iterable[tuple[str, float, float, float]]) -> tuple[AtBound, ...]:
     """The names whose value is at the lower or the upper end that come with it."""
     return tuple(
         AtBound(name, "lower" if fraction < 0.5 else "upper")
-        for name, value, low, high in places
+        for name, value, low, high in values
         if not AT_BOUND < (fraction := (value - low) / (high - low)) < 1 - AT_BOUND
     )

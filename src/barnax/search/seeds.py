@@ -343,10 +343,10 @@ def at_bound(box: Coordinates, parameters: CircuitParameters) -> tuple[AtBound, 
     """The parameters at an end of a box in `log` coordinates."""
     point = np.asarray(point_blocks([parameters], box)[0])[0]
     ends = np.asarray(box.lower), np.asarray(box.upper)
-    places = list(zip(box.names, point, *ends, strict=True))
+    values = list(zip(box.names, point, *ends, strict=True))
     # A pair bounded in C can still end at the limits of its tau.
     limits_s = np.asarray(box.tau_limits_s)
     for (name, tau_s), limits in zip(parameters.named_tau_s.items(), limits_s, strict=True):
         if name not in box.names and limits[0] < limits[1]:
-            places.append((name, *np.log([tau_s, *limits])))
-    return near_ends(places)
+            values.append((name, *np.log([tau_s, *limits])))
+    return near_ends(values)

@@ -39,7 +39,7 @@ from ..over_soc.settings import TableSettings
 from ..records import Record
 from ..records.lag import lagged
 from ..search.answers import AtBound
-from ..uncertainty.noise import summed
+from ..uncertainty.noise import Slots, summed
 
 # Half a 95 % interval in standard errors.
 # So near to an end of the SOC is at it, and so far may blocks take a cell below their stretch.
@@ -158,9 +158,14 @@ class Prior:
 
     @cached_property
     def solution(self) -> Solution:
-        """The prior values as its solution."""
+        """The prior values as its solution: zero for a correction of the OCV."""
+        tables = self.tables.without(OCV_CORRECTION)
+        rows = zip(self.objective.names, self.objective.nodes_of, strict=True)
+        values = tuple(
+            tables.at(name, nodes) if name in tables.tables else self.ocv_v(nodes) * self.finds_ocv
+            for name, nodes in rows
+        )
         best = self.objective.solve(tuple(np.log(self.tables.tau_s).tolist()))
-        values = tuple(self.values[rows] for rows in self.tables_of_names.values())
         return replace(best, values=values)
 
     @cached_property
@@ -183,11 +188,8 @@ class Prior:
 
     @cached_property
     def values(self) -> Float[np.ndarray, "unknowns"]:
-        """The prior value of each; zero for a correction of the OCV."""
-        nodes, ocv_nodes = np.array(self.settings.nodes), np.array(self.settings.nodes_of_ocv)
-        values = [self.tables.at(name, nodes) for name in self.tables.resistances]
-        values.append(self.ocv_v(ocv_nodes) if self.finds_ocv else np.zeros(len(ocv_nodes)))
-        return np.concatenate([*values, self.tables.tau_s])
+        """The prior value of each."""
+        return np.concatenate([*self.solution.values, self.tables.tau_s])
 
     @cached_property
     def units(self) -> Float[np.ndarray, "unknowns"]:
@@ -311,17 +313,16 @@ def _left_out(prior: Prior, prepared: PreparedRecord) -> Columns:
 def information_of(prior: Prior, prepared: PreparedRecord) -> Information:
     """The information of the scored samples of a record."""
     columns, interval_s = columns_of(prior, prepared)[prepared.scored], prepared.median_interval_s
-    times_s = prepared.time_s[prepared.scored] - prepared.time_s[0] + interval_s / 2
+    times_s = prepared.time_s[prepared.scored] - prepared.time_s[0]
     of_unknowns = np.ascontiguousarray(columns[:, : len(prior.names)])
     noise = np.zeros((len(prior.names),) * 2)
     for time_s, sd_v in prior.error.noise:
         # Of errors that change slowly, a few samples together are one.
         slot_s = interval_s * max(1, int(time_s / SLOTS_A_TIME / interval_s))
-        number = np.floor(times_s / slot_s).astype(int)
-        first = np.flatnonzero(np.diff(number, prepend=-1))
-        slots = np.zeros((number[-1] + 1, len(noise)))
-        slots[number[first]] = np.add.reduceat(of_unknowns, first, axis=0)
-        noise += sd_v**2 * (slots.T @ summed(slots, time_s / slot_s))
+        start_s, count = (slot_s - interval_s) / 2, 2 + int(times_s[-1] / slot_s)
+        slots = Slots(start_s, slot_s, count, count).gathered(times_s, of_unknowns)
+        together = summed(slots, time_s / slot_s) if time_s else slots
+        noise += sd_v**2 * (slots.T @ together)
     return Information(len(columns), columns.T @ columns, noise)
 
 

@@ -5,6 +5,7 @@ from collections import ChainMap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -50,13 +51,9 @@ def require_on_axis(record: Record, window: Window, capacity_ah: float):
         raise InputError(
             f"{record.name}: from a state of charge of {initial_soc:.4g} at its start, over a "
             f"capacity of {capacity_ah:.4g} Ah, its charge takes the cell from {low:.3f} to "
-            f"{high:.3f}; give a larger `capacity` (the record spans {span_ah_of(record):.4g} Ah), "
+            f"{high:.3f}; give a larger `capacity` (the record spans {record.span_ah:.4g} Ah), "
             "or another `initial_soc`"
         )
-
-
-def span_ah_of(record: Record) -> float:
-    return float(np.ptp(record.discharged_ah))
 
 
 def axis_of(record: Record, window: Window, capacity_ah: float) -> Window:
@@ -128,9 +125,8 @@ class UntestedRecords:
         capacity_ah = next(iter(given), None) or capacity_ah
         if capacity_ah is not None:
             return cls(records, windows, settings, capacity_ah, GIVEN)
-        widest = max(records, key=span_ah_of)
-        span_ah = span_ah_of(widest)
-        if not span_ah > 0:
+        widest = max(records, key=attrgetter("span_ah"))
+        if not widest.span_ah > 0:
             raise InputError(
                 f"{records[0].name}: its current moves no charge, so nothing tells the OCV; give a "
                 "record that goes over much of the state of charge"
@@ -139,7 +135,7 @@ class UntestedRecords:
         if lowest_v > NEVER_EMPTY_V:
             more = f", never below {lowest_v:.2f} V, so the cell holds more"
         return cls(
-            records, windows, settings, span_ah, f"the charge that {widest.name} spans{more}"
+            records, windows, settings, widest.span_ah, f"the charge that {widest.name} spans{more}"
         )
 
     @property
@@ -183,7 +179,7 @@ class UntestedRecords:
             for record in self.records
         }
         fixed = [record for record in self.records if windows[record.name].soc_source != "own span"]
-        fixed = fixed or [max(self.records, key=span_ah_of)]
+        fixed = fixed or [max(self.records, key=attrgetter("span_ah"))]
         for record in fixed:
             require_on_axis(record, windows[record.name], self.capacity_ah)
         warnings, turned, directions = list[Notice](), dict[str, Window](), dict[str, float]()

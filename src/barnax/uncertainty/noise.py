@@ -205,10 +205,11 @@ class Slots:
     def gathered(
         self, time_s: Float[np.ndarray, "samples"], values: Float[np.ndarray, "samples *columns"]
     ) -> Float[np.ndarray, "slots *columns"]:
-        """The sums of some samples' values in every slot."""
+        """The sums of some samples' values in every slot, of times that rise."""
         slot = np.floor((time_s - self.start_s) / self.slot_s + 0.5).astype(int)
+        first = np.flatnonzero(np.diff(slot, prepend=-1))
         sums = np.zeros((self.count, *values.shape[1:]))
-        np.add.at(sums, slot, values)
+        sums[slot[first]] = np.add.reduceat(values, first, axis=0)
         return sums
 
 
@@ -367,8 +368,6 @@ def summed(
 
     The inverse of that matrix is tridiagonal, and so are its factors L D L'.
     """
-    if time == 0:
-        return values
     rest = -np.expm1(-2 / time)
     diagonal, below = np.ones(len(values)), np.full(len(values) - 1, -np.exp(-1 / time))
     diagonal[-1] = diagonal[ends] = rest

@@ -3,7 +3,7 @@ and the best constant circuit with what was found of it."""
 
 import functools
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from typing import Annotated, Any, Literal, Self
@@ -255,19 +255,27 @@ class ConstantPart(Part):
     fixed: Parameters
 
     @property
-    def estimates(self) -> dict[str, Estimate]:
-        """The parameters with their intervals, by name; none where the assessment was skipped."""
-        assessed = () if self.assessment is None else self.assessment.uncertainty.estimates
-        return {estimate.name: estimate for estimate in assessed}
-
-    @property
     def fits(self) -> TableFits:
         """The circuit as tables of one node. Its box is `bounds`, and it has no `tau_ranges_s`."""
-        optimum, assessed = self.global_optimum, self.assessment
-        errors, estimates = self.metrics.identification, self.estimates.values()
+        optimum, circuit, errors = self.global_optimum, self.parameters, self.metrics.identification
         best = optimum if optimum and self.source == "global optimum" else errors
+        bands, estimates, findings = (), (), ()
+        if self.assessment is not None:
+            bands = self.assessment.diagnostics.by_soc
+            estimates = self.assessment.uncertainty.estimates
+            findings = self.assessment.identifiability.findings
+        at = dict.fromkeys(circuit.tables, circuit.nodes[0])
+        # What is held has no interval.
+        free = [one for one in estimates if one.held in (None, "unseen") or one.high is not None]
+        intervals = {one.name: _interval(one, at.get(one.name)) for one in free}
+        # Resistances are their own means; of pairs that the data do not tell apart, so are sums.
+        alike = [one.combined for one in findings if one.kind == "alike" and one.combined]
+        means = [
+            replace(intervals.get(name) or _interval(Estimate(name, ohm)), soc=None)
+            for name, ohm in circuit.named_ohm.items()
+        ]
         fit = TableFit(
-            tables=self.parameters,
+            tables=circuit,
             objective_v=best.rmse_v,
             errors=tuple(map(soc_errors, self.metrics.jointly or (errors,))),
             tau_ranges_s=(),
@@ -276,34 +284,15 @@ class ConstantPart(Part):
             boxes=(optimum and optimum.boxes) or 0,
             at_bound=self.at_bound,
             parameters=len(self.bounds),
-            intervals=tuple(self._interval(one) for one in estimates if one.has_interval),
+            intervals=tuple(intervals.values()),
             cross_validation=None,
             warnings=(),
-            means=tuple(self._means()),
+            means=(*means, *map(_interval, alike)),
         )
         # A capacitance is no number of tables.
         fixed = {name: value for name, value in self.fixed.items() if not name.endswith("[F]")}
-        share = {"proved_share": CERTIFIED_GAP}
-        settings = TableSettings(nodes=self.parameters.nodes, fixed=fixed, **share)
-        bands = assessed.diagnostics.by_soc if assessed else ()
+        settings = TableSettings(nodes=circuit.nodes, fixed=fixed, proved_share=CERTIFIED_GAP)
         return TableFits((fit,), None, settings, bands, self.hold_shift_ohm)
-
-    def _means(self) -> Iterator[NodeInterval]:
-        """The resistances, each its own mean, and sums of pairs that the data do not tell apart."""
-        for name, value in self.parameters.named_ohm.items():
-            element = self.estimates.get(name, Estimate(name, value))
-            yield replace(self._interval(element), soc=None)
-        findings = () if self.assessment is None else self.assessment.identifiability.findings
-        for finding in findings:
-            if finding.kind == "alike" and finding.combined is not None:
-                yield self._interval(finding.combined)
-
-    def _interval(self, estimate: Estimate) -> NodeInterval:
-        soc = self.parameters.nodes[0] if estimate.name in self.parameters.tables else None
-        error = estimate.standard_error or 0.0
-        return NodeInterval(
-            estimate.name, soc, estimate.value, error, 0.0, estimate.low, estimate.high
-        )
 
     @model_validator(mode="after")
     def _hold_what_the_circuit_has(self) -> Self:
@@ -314,6 +303,11 @@ class ConstantPart(Part):
                 f"{', '.join(values)}"
             )
         return self
+
+
+def _interval(estimate: Estimate, soc: float | None = None) -> NodeInterval:
+    error = estimate.standard_error or 0.0
+    return NodeInterval(estimate.name, soc, estimate.value, error, 0.0, estimate.low, estimate.high)
 
 
 def bands_by_soc(evaluations: Sequence[Evaluation]) -> tuple[Band, ...]:

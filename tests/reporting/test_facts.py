@@ -152,8 +152,9 @@ def test_exports_hold_the_means_or_the_constants_with_their_ends_as_a_frame_does
     ends_of = expected(result.fit)
     if result.tables is None:
         rows = {row.pop("parameter"): (*row.values(),) for row in result.to_frame().to_dicts()}
-        estimates = result.constant.estimates.items()
-        ends = {name: (one.value, one.low, one.high) for name, one in estimates}
+        assessed = result.constant.assessment
+        estimates = assessed.uncertainty.estimates if assessed else ()
+        ends = {one.name: (one.value, one.low, one.high) for one in estimates}
         assert rows.items() >= ends.items()
         ends_of = {(f"mean {name}", None): ends[name] for name in ends if name.endswith("[Ohm]")}
     for (label, _), (value, low, high) in ends_of.items():

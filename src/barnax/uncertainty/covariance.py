@@ -206,11 +206,6 @@ class Estimate:
             return None
         return self.relative_error / self.white_noise_relative_error
 
-    @property
-    def has_interval(self) -> bool:
-        """True unless it is held: with both ends open where the data tell nothing of it."""
-        return self.held in (None, "unseen") or self.high is not None
-
     def excludes(self, value: float) -> bool:
         """True where the interval has both ends, and another value lies outside."""
         if self.low is None or self.high is None:

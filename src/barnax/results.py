@@ -302,10 +302,9 @@ class Result(Document):
             "cell": self.cell_at(temperature_degc),
             "inputs": tuple(part.model_copy(update={"capacity_ah": None}) for part in self.inputs),
         }
-        tables = self.tables
-        if tables is not None and tables.over_temperature is not None:
-            fit = replace(self.fit, tables=tables.at(temperature_degc))
-            alone["tables"] = replace(tables, fits=(fit,), over_temperature=None)
+        if self.fits.over_temperature is not None:
+            fit = replace(self.fit, tables=self.fits.at(temperature_degc))
+            alone["tables"] = replace(self.fits, fits=(fit,), over_temperature=None)
         return self.model_copy(update=alone)
 
     def cell_at(self, temperature_degc: float | None = None) -> CellModel:

@@ -69,7 +69,7 @@ def test_start_and_circuit_are_fitted_together():
     options = {"model": "1rc", "capacity": 2.5, "seeds": 0}
     found = barnax.identify(folder / "noisy.csv", ocv=folder / "ocv.csv", **options)
     for name, truth in TRUTH.items():
-        estimate = found.constant.estimates[name]
+        estimate = found.constant.assessment.uncertainty[name]
         assert estimate.low < truth < estimate.high
         # A start that only its rest tells leaves more than a thousand.
         assert estimate.high / estimate.low < 4

@@ -303,12 +303,11 @@ def _given(path: str, reading: Reading) -> Any:
 
 def row_of(result: Result, warnings: Sequence[Notice]) -> Row:
     """A result, flat: parameters under PyBaMM's names with their intervals, errors, certificate."""
-    constant, alone = result.constant, result.without_tables()
-    evaluations = alone.evaluations
-    errors = constant.metrics.identification
+    alone = result.without_tables()
+    evaluations, errors = alone.evaluations, alone.metrics.identification
     first = result.of_role("identification")[0]
     row: Row = {
-        "circuit": constant.model,
+        "circuit": alone.model,
         "records": result.name,
         "samples": errors.samples,
         "duration [s]": first.duration_s,
@@ -335,10 +334,10 @@ def row_of(result: Result, warnings: Sequence[Notice]) -> Row:
     gap = result.fits.proved_gap
     hashes = [part.sha256 for part in result.inputs]
     return row | {
-        "answer": result.answer if result.over else constant.source,
+        "answer": result.answer if result.over else result.constant.source,
         "certified": gap is not None and gap <= result.fits.settings.proved_share,
         "proved gap": gap,
-        "at bound": "; ".join(f"{hit.name} {hit.side}" for hit in constant.at_bound),
+        "at bound": "; ".join(f"{hit.name} {hit.side}" for hit in alone.at_bound),
         **_warning_columns([warning for warning in warnings if warning.counts]),
         "inputs sha256": hashlib.sha256(" ".join(hashes).encode()).hexdigest(),
     }

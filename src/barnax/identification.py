@@ -62,14 +62,16 @@ def search_and_assess(
         by_circuit = partial(evaluate, parameters=parameters)
         validated = setup.validation(problem.circuit)
         evaluations = [Evaluations.of(by_circuit, problem.prepared_records, validated)]
+        if tables is not None:
+            validated = setup.validation(setup.records[0].circuit)
+            evaluations.append(Evaluations.of(tables.evaluate, setup.records, validated))
     other = _resampled(problem, parameters)
     assessment = None
     with watch("Assessing", 0):
         if trust != "none":
             assessment = _attempt("the intervals", warnings, assess, problem, parameters)
         if tables is not None:
-            tables, of_tables = _assessed(setup, tables, warnings)
-            evaluations.append(of_tables)
+            tables = _assessed(setup, tables, evaluations[-1], warnings)
         elif other and assessment and assessment.uncertainty[R0].excludes(other.r0):
             warnings.append(hold_warning(problem, parameters.r0, other.r0))
         if assessment is not None:
@@ -193,13 +195,11 @@ def _candidates(setup: Setup, result: Result) -> tuple[Candidate, ...]:
 
 
 def _assessed(
-    setup: Setup, tables: TableFits, warnings: list[Notice]
-) -> tuple[TableFits, Evaluations]:
+    setup: Setup, tables: TableFits, evaluations: Evaluations, warnings: list[Notice]
+) -> TableFits:
     """The tables with their errors by SOC, and with intervals that reach over what else R0 may be:
     where the sampling of the current is open, with the other one, with a lag, and with a pair in it
-    that the samples would not show; and their simulations of all records."""
-    validated = setup.validation(setup.records[0].circuit)
-    evaluations = Evaluations.of(tables.evaluate, setup.records, validated)
+    that the samples would not show."""
     records = [evaluation.prepared for evaluation in evaluations.identification]
     other, r0_ohm = tables.other_sampling(records), tables.mean_ohm(R0)
     shifts_ohm = [late_ohm - r0_ohm for late_ohm in _late_ohm(setup.problem)]
@@ -210,12 +210,11 @@ def _assessed(
         if abs(other.r0_ohm) > FAR * r0_ohm:
             warnings.append(hold_warning(setup.problem, r0_ohm, r0_ohm + other.r0_ohm))
     of_means = means_shifts_ohm(records, tables.fits[0].tables, tables.named_ohm)
-    spanning = replace(
+    return replace(
         tables.spanning(shifts_ohm, shares).spanning(of_means),
         by_soc=bands_by_soc(evaluations.identification),
         hold_shift_ohm=None if other is None else other.r0_ohm,
     )
-    return spanning, evaluations
 
 
 def _others(

@@ -265,9 +265,7 @@ class ConstantPart(Part):
             estimates = self.assessment.uncertainty.estimates
             findings = self.assessment.identifiability.findings
         at = dict.fromkeys(circuit.tables, circuit.nodes[0])
-        # What is held has no interval.
-        free = [one for one in estimates if one.held in (None, "unseen") or one.high is not None]
-        intervals = {one.name: _interval(one, at.get(one.name)) for one in free}
+        intervals = {one.name: _interval(one, at.get(one.name)) for one in estimates}
         # Resistances are their own means; of pairs that the data do not tell apart, so are sums.
         alike = [one.combined for one in findings if one.kind == "alike" and one.combined]
         means = [

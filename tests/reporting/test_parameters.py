@@ -31,7 +31,7 @@ def test_the_intervals_of_constants_are_those_of_a_fit_of_one_node():
     (r0,) = fit.of_table("R0 [Ohm]")
     assert (r0.value, r0.low, r0.high) == (0.05, 0.05 - 0.002, 0.05 + 0.002)
     assert r0.standard_error == pytest.approx(0.001)
-    # What is held has none.
+    assert [(node.low, node.high) for node in fit.of_table("R1 [Ohm]")] == [(None, None)]
     assert {fact.name for fact in fit.facts if fact.is_assessed} == {"R0 [Ohm]"}
 
 

@@ -141,7 +141,6 @@ class TableFit(Brief):
             values = named_values(tables).items()
             soc = dict.fromkeys(tables.tables, tables.nodes[0])
             numbers = [(name, soc.get(name), value, True) for name, value in values]
-        names = {name for name, _ in intervals}
         facts = [
             self._fact(
                 intervals.get((name, soc)) or NodeInterval(name, soc, value, 0.0, 0.0, None, None),
@@ -152,10 +151,7 @@ class TableFit(Brief):
             )
             for name, soc, value, is_visited in numbers
         ]
-        means = (
-            self._fact(mean, is_mean=True, is_assessed=parts_of(mean.name)[0] in names)
-            for mean in self.means
-        )
+        means = (self._fact(mean, is_mean=True) for mean in self.means)
         return (*facts, *means, *map(self._fact, self.of_table(OCV)))
 
     @property
@@ -180,10 +176,13 @@ class TableFit(Brief):
         constants = (fact for fact in self.facts if fact.soc is None and not fact.is_mean)
         return [fact for fact in constants if fact.name not in numbers]
 
-    def _fact(self, node: NodeInterval, **changed: Any) -> Fact:
+    def _fact(self, node: NodeInterval, is_assessed: bool = True, **changed: Any) -> Fact:
+        if self.tables.is_constant:
+            # What is held has neither an error nor an end.
+            is_assessed = node.standard_error > 0 or node.high is not None
         is_over_soc = node.soc is not None or "is_mean" in changed
         shown = node.on_another_record if self.are_of_another_record and is_over_soc else node
-        return Fact(**vars(shown) | changed)
+        return Fact(**vars(shown) | changed, is_assessed=is_assessed)
 
 
 @in_float64

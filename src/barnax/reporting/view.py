@@ -266,7 +266,7 @@ class View:
             for bound in self.result.fit.at_bound:
                 if bound.name == fact.name:
                     return f"at its {bound.side} bound"
-        return interval_beside(value, fact) if fact.is_assessed else ""
+        return interval_beside(value, fact) if self.result.fit.intervals else ""
 
     @property
     def candidates(self) -> "list[Candidate]":

@@ -1,5 +1,5 @@
 """`python -m benchmarks.optimizers` runs our optimizers and those that win the CEC competitions on
-CEC 2017 and 2022 at equal evaluations; `--quick` takes fewer runs and a share of the evaluations.
+CEC 2017 and 2022 and on BBOB at equal evaluations; `--quick` takes a share of runs and evaluations.
 `--only SECTION` measures a section again and leaves the others on the page as they are."""
 
 import argparse
@@ -13,11 +13,12 @@ from typing import Any
 from benchmarks.pages import provenance, publish, save_figure, save_page
 
 from .page import ecdf_figure, page
-from .runs import BASELINES, OURS, SPENT, VARIANTS, Suite, measure_suites
+from .runs import BASELINES, BBOB, OURS, SPENT, VARIANTS, Suite, measure_suites
 from .sections import circuit, many_seeds, speed
 
 FOLDER = Path(__file__).parents[1] / "results"
 ALL_2022 = tuple(range(1, 13))
+ALL_BBOB = tuple(range(1, 25))
 ODD, EVEN = tuple(range(1, 31, 2)), tuple(range(2, 31, 2))
 # The competitions' evaluations and runs, and those of `--quick`, which leaves some suites out.
 SUITES = (
@@ -26,6 +27,8 @@ SUITES = (
     (Suite(2017, 10, EVEN, 100_000, 51), (20_000, 3)),
     (Suite(2017, 30, EVEN, 300_000, 51), (30_000, 3)),
     (Suite(2017, 50, EVEN, 500_000, 51), None),
+    (Suite(BBOB, 10, ALL_BBOB, 100_000, 15), (20_000, 15)),
+    (Suite(BBOB, 20, ALL_BBOB, 200_000, 15), (40_000, 15)),
 )
 
 
@@ -66,11 +69,12 @@ def main() -> None:
     for name in measures if options.only is None else options.only:
         start = time.perf_counter()
         rows = measures[name]()
-        facts = provenance(command, 0, "minionpy")
+        packages = ["minionpy", *["coco-experiment"] * name.startswith("BBOB")]
+        facts = provenance(command, 0, *packages)
         measured[name] = rows | {"facts": facts, "seconds": time.perf_counter() - start}
         save_page(raw, json.dumps(measured, separators=(",", ":")) + "\n")
     missing = [name for name in sections(False, 1) if name not in measured]
-    suites = [name for name in measured if name.startswith("CEC")]
+    suites = [name for name in measured if name.startswith(("CEC", "BBOB"))]
     if not suites:
         parser.error("the page begins with a suite of functions; measure one of them too")
     publish(options.out / "optimizers.md", page(measured, suites, missing))

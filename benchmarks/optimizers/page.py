@@ -17,14 +17,14 @@ COLORS = ("#E69F00", "#56B4E9", "#009E73", "#0072B2", "#D55E00", "#CC79A7", "#00
 
 
 INTRODUCTION = (
-    "The functions are the C++ of `minionpy`, in [-100, 100]; errors of 1e-8 or less count as zero "
+    "The functions of CEC are the C++ of `minionpy`, in [-100, 100], those of BBOB the C of COCO's "
+    "`cocoex`, in [-5, 5], an instance (1 to 15) a run; errors of 1e-8 or less count as zero "
     "and end a run, as in the competitions. All evaluations are counted by one wrapper, which "
     "forgets what is evaluated beyond the budget. `de` (rand/1/bin, F 0.5, CR 0.9, 10 D "
     "candidates), `l-shade` (18 D), `jso` and `bipop-cma-es` are those of `minionpy`; ours have 30 "
-    "candidates, `ibmo-adaptive` 18 D; it was developed on the odd functions of CEC 2017. `cocoex` "
-    "is not installed: targets are COCO's 51, 100 to 1e-8, on these functions, and nothing is a "
-    "result of BBOB. *Solved* and *targets* are the shares of runs, and of pairs of run and "
-    "target, that were reached."
+    "candidates, `ibmo-adaptive` 18 D; it was developed on the odd functions of CEC 2017. "
+    "Targets are COCO's 51, 100 to 1e-8. *Solved* and *targets* are the shares of runs, and of "
+    "pairs of run and target, that were reached."
 )
 
 # Section, title and columns of the tables that need no more words.

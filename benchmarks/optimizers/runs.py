@@ -1,7 +1,7 @@
-"""Runs of a method on a function of a CEC suite: every evaluation is counted here."""
+"""Runs of a method on a function of CEC or BBOB: every evaluation is counted here."""
 
 import itertools
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from multiprocessing import get_context
@@ -24,6 +24,8 @@ from barnax.optimizers import (
 from .statistics import expected_evaluations, reached
 
 HALF_WIDTH = 100.0
+# The year of COCO's noiseless functions, which are searched in a box of this half-width.
+BBOB, OF_BBOB = 2009, 5.0
 # The competitions count an error of this or less as zero, and the run as over.
 SOLVED = 1e-8
 # 51 targets, as COCO has them.
@@ -59,7 +61,8 @@ BASELINES: dict[str, tuple[str, Callable[[int], dict[str, Any]]]] = {
 
 
 class Suite(NamedTuple):
-    """Functions of one year and dimension, with the evaluations of a run and how many runs."""
+    """Functions of a year's CEC, or of BBOB, in one dimension, with the evaluations of a run and
+    how many runs."""
 
     year: int
     dims: int
@@ -69,11 +72,31 @@ class Suite(NamedTuple):
 
     @property
     def name(self) -> str:
-        return f"CEC {self.year}, {self.dims}-D"
+        family = "BBOB" if self.year == BBOB else f"CEC {self.year}"
+        return f"{family}, {self.dims}-D"
 
-    def function(self, number: int) -> Any:
-        """A function of the suite: a row of positions to a list of losses."""
+    def function(self, number: int, runs: Sequence[int]) -> Any:
+        """A function of the suite for some runs: rows of positions, one run's after the other's, to
+        their losses."""
+        if self.year == BBOB:
+            return Instances(number, self.dims, runs)
         return getattr(minionpy, f"CEC{self.year}Functions")(number, self.dims)
+
+
+class Instances:
+    """A function of BBOB (Hansen et al., 2009), of which every run has an instance."""
+
+    f_opt = 0.0
+
+    def __init__(self, number: int, dims: int, runs: Sequence[int]) -> None:
+        from cocoex import BareProblem
+
+        self.instances = [BareProblem("bbob", number, dims, 1 + run) for run in runs]
+
+    def __call__(self, rows: NDArray) -> NDArray:
+        blocks = np.split(np.asarray(rows) * (OF_BBOB / HALF_WIDTH), len(self.instances))
+        pairs = zip(self.instances, blocks, strict=True)
+        return np.concatenate([one(block) - one.best_value() for one, block in pairs])
 
 
 @dataclass
@@ -126,7 +149,10 @@ def run_ours(make: Callable[[int], AbstractPopulationMinimiser], suite: Suite) -
     optimizer = make(1)
     per_generation = evaluations_per_iteration(optimizer)
     optimizer = make(-(-(suite.budget - optimizer.population) // per_generation))
-    records = [Record(suite.function(f), suite.budget, suite.runs) for f in suite.functions]
+    records = [
+        Record(suite.function(number, range(suite.runs)), suite.budget, suite.runs)
+        for number in suite.functions
+    ]
     ask, tell = jax.vmap(optimizer.ask), jax.vmap(optimizer.tell)
     with jax.enable_x64(True):
         ends = jnp.full(suite.dims, -HALF_WIDTH), jnp.full(suite.dims, HALF_WIDTH)
@@ -145,9 +171,9 @@ def run_ours(make: Callable[[int], AbstractPopulationMinimiser], suite: Suite) -
 def run_baseline(name: str, suite: Suite, number: int) -> Record:
     """The runs of a baseline one after the other, joined."""
     algorithm, options = BASELINES[name]
-    joined = Record(suite.function(number), suite.budget, suite.runs)
+    joined = Record(None, suite.budget, suite.runs)
     for run in range(suite.runs):
-        record = Record(joined.function, suite.budget)
+        record = Record(suite.function(number, [run]), suite.budget)
         getattr(minionpy, algorithm)(
             lambda rows, record=record: record.evaluate(np.asarray(rows)[None])[0],
             [(-HALF_WIDTH, HALF_WIDTH)] * suite.dims,

@@ -12,7 +12,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 PATHS = sorted((ROOT / "benchmarks").rglob("*.py"))
 # Tools that a benchmark compares with, which the tests do not need.
-PEERS = {"cmaes", "minionpy", "pybamm", "pybop", "thevenin"}
+PEERS = {"cmaes", "cocoex", "minionpy", "pybamm", "pybop", "thevenin"}
 PACKAGE = re.compile(r"(barnax|benchmarks)(\.\w+)+(:\w+)?")
 COMMAND = re.compile(r"python -m (benchmarks[\w.]*)")
 

@@ -78,8 +78,23 @@ FILES = Path(runs.minionpy.__file__).parent / "cec_input_data" / "input_data_202
 
 @pytest.mark.parametrize("number", range(1, 13))
 def test_every_function_of_cec_2022_has_its_optimum_at_its_shift(number):
-    function = runs.Suite(2022, 10, (), 0, 0).function(number)
+    function = runs.Suite(2022, 10, (), 0, 0).function(number, [0])
     shift = np.loadtxt(FILES / f"shift_data_{number}.txt").ravel()[:10]
     assert function([shift])[0] == pytest.approx(function.f_opt, abs=1e-9)
     nearby = shift + np.random.default_rng(0).normal(0, 1e-2, (50, 10))
     assert min(function(nearby)) > function.f_opt
+
+
+@pytest.mark.parametrize("number", [1, 8, 24])
+def test_every_run_of_bbob_has_an_instance_whose_optimum_is_zero(number):
+    cocoex = pytest.importorskip("cocoex")
+    function = runs.Suite(runs.BBOB, 5, (), 0, 0).function(number, [0, 3])
+    assert [one.instance for one in function.instances] == [1, 4]
+    rows = np.random.default_rng(number).uniform(-100, 100, (6, 5))
+    losses = function(rows)
+    for run, instance in enumerate((1, 4)):
+        alone = cocoex.BareProblem("bbob", number, 5, instance)
+        expected = [alone(row / 20) - alone.best_value() for row in rows[3 * run : 3 * run + 3]]
+        np.testing.assert_allclose(losses[3 * run : 3 * run + 3], expected)
+        at_best = np.tile(20 * np.array(alone.best_parameter()), (2, 1))
+        assert function(at_best)[run] == pytest.approx(0, abs=1e-8)

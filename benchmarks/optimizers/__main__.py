@@ -20,13 +20,13 @@ FOLDER = Path(__file__).parents[1] / "results"
 ALL_2022 = tuple(range(1, 13))
 ALL_BBOB = tuple(range(1, 25))
 ODD, EVEN = tuple(range(1, 31, 2)), tuple(range(2, 31, 2))
-# The competitions' evaluations and runs, and those of `--quick`, which leaves some suites out.
+# The competitions' evaluations and runs, and those of `--quick`.
 SUITES = (
     (Suite(2022, 10, ALL_2022, 200_000, 30), (20_000, 5)),
     (Suite(2022, 20, ALL_2022, 1_000_000, 30), (20_000, 3)),
     (Suite(2017, 10, EVEN, 100_000, 51), (20_000, 3)),
     (Suite(2017, 30, EVEN, 300_000, 51), (30_000, 3)),
-    (Suite(2017, 50, EVEN, 500_000, 51), None),
+    (Suite(2017, 50, EVEN, 500_000, 51), (50_000, 3)),
     (Suite(BBOB, 10, ALL_BBOB, 100_000, 15), (20_000, 15)),
     (Suite(BBOB, 20, ALL_BBOB, 200_000, 15), (40_000, 15)),
 )
@@ -37,7 +37,6 @@ def sections(is_quick: bool, workers: int) -> dict[str, Callable[[], dict[str, A
     chosen = [
         suite._replace(budget=quick[0], runs=quick[1]) if is_quick else suite
         for suite, quick in SUITES
-        if quick or not is_quick
     ]
     # On the functions that `ibmo-adaptive` was developed on, and on others.
     budget, runs = (10_000, 3) if is_quick else (100_000, 51)

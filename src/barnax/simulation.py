@@ -225,9 +225,8 @@ def _require_numbers(profile: Load) -> None:
 
 def _at(result: Result, degc: float | None) -> Result:
     """The result at a temperature, where it says something of that."""
-    over = result.fits.over_temperature
-    if over is not None:
-        low, high = over.temperatures_degc[0], over.temperatures_degc[-1]
+    if measured_degc := result.fits.temperatures_degc:
+        low, high = measured_degc[0], measured_degc[-1]
         if degc is None or not low - SAME_DEGC <= degc <= high + SAME_DEGC:
             given = "" if degc is None else f", not at {degc:g} degC"
             raise InputError(

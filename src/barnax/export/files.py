@@ -56,11 +56,11 @@ def write_c_header(result: Result) -> Export:
 @in_float64
 def write_c_filter(result: Result) -> Export:
     """The header's source. Raises `InputError` for a result without an assessment."""
-    over, caveats = result.fits.over_temperature, ()
-    if over is not None:
+    measured_degc, caveats = result.fits.temperatures_degc, ()
+    if measured_degc:
         degc = result.fits.reference_degc or 0.0
         result = result.at_temperature(degc)
-        others = [other for other in over.temperatures_degc if other != degc]
+        others = [other for other in measured_degc if other != degc]
         caveats = caveats_of("c_filter", degc, others)
     tables, model = tables_of(result, may_remember=True), model_of(result, (OFFSET, CAPACITY))
     # Columns that change with SOC are a table, all others constants. The table counts from its

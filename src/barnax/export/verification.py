@@ -80,12 +80,11 @@ def verify(
     """
     package, simulate = require_package(exporter)
     profile = profile or pulse_profile(result)
-    over = result.fits.over_temperature
-    differences = []
-    for degc in [profile.temperature_degc] if over is None else over.temperatures_degc:
+    measured_degc, differences = result.fits.temperatures_degc, []
+    for degc in measured_degc or [profile.temperature_degc]:
         there = replace(profile, temperature_degc=degc)
         here = result
-        if over is not None:
+        if measured_degc:
             here = result.at_temperature(degc)
             # What an export holds of the capacity is one value, and said to be.
             cell = replace(here.cell, capacity_ah=tables_of(result).capacity_ah)
@@ -98,7 +97,7 @@ def verify(
         package=package,
         version=importlib.metadata.version(package),
         samples=len(profile.time_s),
-        temperatures_degc=() if over is None else over.temperatures_degc,
+        temperatures_degc=measured_degc,
         largest_v=_largest(differences_v),
         rms_v=math.sqrt(np.mean(np.nan_to_num(differences_v, nan=math.inf) ** 2)),
         without_hysteresis_v=_largest(without_v),

@@ -147,27 +147,26 @@ class TableFits:
         return dict(self.by_degc)[self.reference_degc]
 
     @property
+    def temperatures_degc(self) -> tuple[float, ...]:
+        """The temperatures from cold to warm; none where there is one only."""
+        return self.over_temperature.temperatures_degc if self.over_temperature else ()
+
+    @property
     def reference_degc(self) -> float | None:
         """The temperature nearest to `REFERENCE_DEGC`, None where there is one only."""
-        if self.over_temperature is None:
-            return None
-        return min(
-            self.over_temperature.temperatures_degc, key=lambda degc: abs(degc - REFERENCE_DEGC)
-        )
+        nearest = sorted(self.temperatures_degc, key=lambda degc: abs(degc - REFERENCE_DEGC))
+        return nearest[0] if nearest else None
 
     @property
     def by_degc(self) -> list[tuple[float | None, TableFit]]:
         """Every temperature with its tables; None stands for that of the only ones."""
-        over = self.over_temperature
-        return [*zip((None,) if over is None else over.temperatures_degc, self.fits, strict=True)]
+        return [*zip(self.temperatures_degc or (None,), self.fits, strict=True)]
 
     @cached_property
     def tables(self) -> TemperatureTables | None:
         """The tables over temperature, None where they are of one."""
-        if self.over_temperature is None:
-            return None
-        degc = self.over_temperature.temperatures_degc
-        return TemperatureTables(degc, tuple(fit.tables for fit in self.fits))
+        degc, tables = self.temperatures_degc, tuple(fit.tables for fit in self.fits)
+        return TemperatureTables(degc, tables) if degc else None
 
     def at(self, temperature_degc: float) -> CircuitParameters:
         """The tables at a temperature: the measured ones within `SAME_DEGC`, else what lies
@@ -254,8 +253,8 @@ def fit_warnings(fits: TableFits, evaluations: Evaluations) -> Iterator[Notice]:
         for hit in fits.reference.at_bound:
             yield Notice("answer.at-bound", {"name": hit.name, "side": hit.side})
         return
-    over, identified = fits.over_temperature, evaluations.identification
-    degc = [""] if over is None else [f" at {degc:.3g} degC" for degc in over.temperatures_degc]
+    identified = evaluations.identification
+    degc = [f" at {degc:.3g} degC" for degc in fits.temperatures_degc] or [""]
     what = "tables over SOC"
     if not fits.reference.is_over_soc:
         what = table_name(identified[0].prepared.circuit, "ocv")

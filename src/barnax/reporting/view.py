@@ -209,7 +209,7 @@ class View:
         """The temperatures of tables that have no OCV test of their own."""
         return [
             degc
-            for degc in (self.over_temperature.temperatures_degc if self.over_temperature else ())
+            for degc in self.result.fits.temperatures_degc
             if min(abs(tested - degc) for tested in self.ocv_degc) > NEAR_DEGC
         ]
 

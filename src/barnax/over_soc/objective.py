@@ -176,11 +176,12 @@ class TableObjective(LinearObjective):
         """The searched coordinates: the time constant of every element, whose table is the next
         after R0, then gamma where there is one, whose table is the last."""
         layout, axes = self.reduced.layout, list[Axis]()
+        parts = {name: self.reduced.part(name) for name in ("pairs", "hysteresis_response")}
 
         def add(name, table, part, span, sign, element):
             low, high = np.log(self.ranges[name]).tolist()
-            answers, to_nodes = self.reduced.part(part), span.from_skeleton
-            axes.append(Axis(name, low, high, table, answers, to_nodes, span, sign, element))
+            answers = parts[part], span.from_skeleton
+            axes.append(Axis(name, low, high, table, *answers, span, sign, element))
 
         names = zip(names_of(self.elements), self.elements, strict=True)
         for table, (pair, element) in enumerate(names, 1):
@@ -206,9 +207,10 @@ class TableObjective(LinearObjective):
     @cached_property
     def fixed_columns(self) -> dict[int, Columns]:
         return {
-            table: self.reduced.part(FIXED[name])[0] @ _unit(self._tables[table])
-            for table, name in enumerate(self.names)
-            if name in FIXED
+            number: part @ _unit(table) if table.rises else part
+            for number, table in enumerate(self._tables)
+            if table.name in FIXED
+            for part in self.reduced.part(FIXED[table.name])
         }
 
     @cached_property

@@ -209,7 +209,8 @@ class Slots:
         slot = np.floor((time_s - self.start_s) / self.slot_s + 0.5).astype(int)
         first = np.flatnonzero(np.diff(slot, prepend=-1))
         sums = np.zeros((self.count, *values.shape[1:]))
-        sums[slot[first]] = np.add.reduceat(values, first, axis=0)
+        is_single = len(first) == len(values)
+        sums[slot[first]] = values if is_single else np.add.reduceat(values, first, axis=0)
         return sums
 
 

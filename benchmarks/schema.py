@@ -11,10 +11,10 @@ DOCS = Path(__file__).parents[1] / "docs"
 HEAD = """# Notices
 
 What does a warning mean, and how does a program act on it? Every warning, finding of a check and
-refusal has a code. `result.warnings`, `result.notes` and the findings of `barnax.check_file` are
-`barnax.Notice`s, which print as their sentence; an `InputError` has its code in `code`.
-`result.json` and `barnax check --json` hold code, file, row, numbers and words, and a fleet's
-dataset has the columns `warning codes` and `error code`.
+refusal has a code, in `InputError.code` or a `barnax.Notice`: `result.warnings`, `result.notes` and
+the findings of `barnax.check_file` are notices, which print as their sentence. `result.json` and
+`barnax check --json` hold code, file, row, numbers and words; a fleet's dataset has the columns
+`warning codes` and `error code`.
 
 ```python
 import barnax
@@ -25,8 +25,7 @@ for notice in checked.findings:
     print(notice)
 ```
 
-A finding in many samples may be more severe than usual. A click on a heading sorts the table, which
-`python -m benchmarks.schema` writes.
+A finding in many samples may be more severe than usual. Click on a heading to sort the table.
 
 | code | usually | what it means |
 |---|---|---|

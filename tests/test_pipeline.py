@@ -45,7 +45,7 @@ def test_bounds_of_almost_nothing_are_searched_by_the_scan_and_lose_nothing():
     # The optimum is not looked for: the answer is that of the seeds.
     assert (result.constant.global_optimum, result.constant.source) == (None, "seeds")
     assert result.parameters == result.constant.refined.parameters.to_dict()
-    assert "not known" in result._repr_html_()
+    assert "unknown: the bounds" in result._repr_html_()
     assert result.to_json()
 
 

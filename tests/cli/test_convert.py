@@ -34,7 +34,7 @@ def test_a_file_is_written_as_parquet_with_its_provenance(run, refuse, cycler_fi
     assert after.hold.value == before.hold.value
     origin = json.loads(pl.read_parquet_metadata(written)["provenance"])
     assert origin["source sha256"] == before.sha256
-    assert "'State' tells what discharges" in " ".join(origin["warnings"])
+    assert "'State' shows what discharges" in " ".join(origin["warnings"])
 
 
 @pytest.mark.parametrize("name", WRITERS)
@@ -93,7 +93,7 @@ def test_a_log_that_was_cut_into_files_is_joined(run, refuse, tmp_path, monkeypa
     # A clock of its own in each file tells no pauses.
     table[:1500].write_csv("part3.csv")
     told = refuse("convert", "part1.csv", "part3.csv", "--out", "again.csv")
-    assert "where each file has a clock of its own, name a column that goes on" in told
+    assert "if each file has its own clock, name a column that continues" in told
     table[1500:4000].rename({VOLTAGE: "U / V"}).write_csv("part2.csv")
     assert "other columns than part1.csv" in refuse("convert", *parts, "--out", "again.csv")
 

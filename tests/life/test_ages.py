@@ -105,8 +105,8 @@ def test_rows_without_a_finite_age_are_counted_and_those_of_one_age_named():
     ages = [float("nan"), float("inf"), 24.0, 24.0, None, *(24.0 * k for k in range(1, 11))]
     life = life_of(dataset(cells=3).with_columns(pl.Series("age [h]", ages)), age="age [h]")
     lines = life_lines(life)
-    assert "3 rows without a finite age, or without a cell: left out." in lines
-    assert "Of one cell at one age, both counted: 0-2, 0-3." in lines
+    assert "Left out: 3 rows without a finite age or a cell." in lines
+    assert "Several rows of a cell at the same age, all counted: 0-2, 0-3." in lines
     assert (life.rows, life.unit, life.span) == (15 - 3, "day", 9.0)
 
 

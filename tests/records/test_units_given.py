@@ -211,7 +211,7 @@ CHARGE_A = np.where(np.arange(160) < 150, 1.0, 0.0)
 def test_exchanged_columns_are_reported_and_what_is_advised_reads_them(current_a):
     voltage_v = 3.5 + SECONDS / 1e3 + 0.05 * current_a
     table = {"time [s]": SECONDS, "Current [A]": voltage_v, "Voltage [V]": current_a}
-    with pytest.raises(InputError, match="they look exchanged") as caught:
+    with pytest.raises(InputError, match="they look swapped") as caught:
         record_from_frame(table)
     (option,) = re.findall(r"columns='(.*)'`", str(caught.value))
     np.testing.assert_allclose(record_from_frame(table, columns=option).voltage_v, voltage_v)

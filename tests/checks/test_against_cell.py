@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from barnax.bundled import BUNDLED
 from barnax.cell import characterize
 from barnax.checks.against_cell import (
     compare_resistances,
@@ -15,11 +14,6 @@ from barnax.checks.against_cell import (
 )
 from barnax.notices import Notice
 from barnax.records import read_record
-
-
-@pytest.fixture(scope="module")
-def validation_record():
-    return read_record(BUNDLED.validation)
 
 
 def said(record, cell, **options):
@@ -38,9 +32,9 @@ def said(record, cell, **options):
     ],
 )
 def test_a_wrong_unit_is_named_by_the_voltage_that_its_charge_should_move(
-    bundled_record, validation_record, bundled_cell, quantity, factor, meaning
+    bundled_record, bundled_validation, bundled_cell, quantity, factor, meaning
 ):
-    for record in (bundled_record, validation_record):
+    for record in (bundled_record, bundled_validation):
         wrong = replace(record, **{quantity: factor * getattr(record, quantity)})
         (told,) = compare_with_cell(wrong, bundled_cell)
         assert meaning in told.what
@@ -100,8 +94,8 @@ def test_a_record_of_more_charge_than_a_test_is_reported_with_both_as_the_test_m
     assert "covers only a part of the SOC" in text
 
 
-def test_records_of_the_cell_are_in_no_doubt(bundled_record, validation_record, bundled_cell):
-    for record in (bundled_record, validation_record):
+def test_records_of_the_cell_are_in_no_doubt(bundled_record, bundled_validation, bundled_cell):
+    for record in (bundled_record, bundled_validation):
         assert said(record, bundled_cell) == []
 
 
@@ -144,10 +138,10 @@ def test_a_record_in_fahrenheit_is_reported_beside_a_test_in_celsius_and_a_cold_
     assert warm.values["fahrenheit_degc"] == pytest.approx(25.0)
 
 
-def test_a_record_of_another_resistance_among_some_is_named(bundled_record, validation_record):
-    more_v = validation_record.voltage_v - 0.06 * validation_record.current_a
-    other = replace(validation_record, name="other.csv", voltage_v=more_v)
-    two = [(bundled_record, 25.0), (validation_record, None)]
+def test_a_record_of_another_resistance_among_some_is_named(bundled_record, bundled_validation):
+    more_v = bundled_validation.voltage_v - 0.06 * bundled_validation.current_a
+    other = replace(bundled_validation, name="other.csv", voltage_v=more_v)
+    two = [(bundled_record, 25.0), (bundled_validation, None)]
     assert compare_resistances(two) == []
     (told,) = compare_resistances([(other, 25.0), *two])
     assert (told.code, told.subject) == ("answer.other-resistance", "other.csv")

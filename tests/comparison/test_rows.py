@@ -7,12 +7,10 @@ import pytest
 from scipy.optimize import differential_evolution
 
 from barnax.baselines import Budget
-from barnax.bundled import BUNDLED
 from barnax.comparison import ComparisonJob, ComparisonResult, compare
 from barnax.comparison.result import errors_by_soc
 from barnax.errors import InputError
 from barnax.model.window import Window
-from barnax.records import read_record
 from barnax.search.answers import SAME_RMSE
 from barnax.search.evaluate import validate
 
@@ -22,21 +20,18 @@ BUDGET = Budget(population=8, iterations=20, seeds=4, key=3)
 
 
 @pytest.fixture(scope="module")
-def validation():
-    return read_record(BUNDLED.validation)
-
-
-@pytest.fixture(scope="module")
-def comparison(bundled_record, bundled_cell, validation):
+def comparison(bundled_record, bundled_cell, bundled_validation):
     job = ComparisonJob(rows=ROWS, window=WINDOW, **vars(BUDGET))
-    return compare(bundled_record, bundled_cell, job, [validation])
+    return compare(bundled_record, bundled_cell, job, [bundled_validation])
 
 
 def row_of(comparison, name):
     return next(row for row in comparison.rows if row.name == name)
 
 
-def test_a_row_is_its_median_seeds_answer_on_every_record(comparison, validation, bundled_cell):
+def test_a_row_is_its_median_seeds_answer_on_every_record(
+    comparison, bundled_validation, bundled_cell
+):
     row = row_of(comparison, "pso iso-rc")
     errors_v = sorted(row.errors_v)
     assert len(errors_v) == BUDGET.seeds
@@ -45,7 +40,7 @@ def test_a_row_is_its_median_seeds_answer_on_every_record(comparison, validation
     first = row.evaluations[0]
     bands = errors_by_soc(first.error_v, first.prepared.soc, first.prepared.scored)
     assert row.errors[0].bands == bands
-    again = validate(validation, bundled_cell, "iso-rc", row.median.parameters, WINDOW)
+    again = validate(bundled_validation, bundled_cell, "iso-rc", row.median.parameters, WINDOW)
     assert row.evaluations[1].metrics == again.metrics
 
 

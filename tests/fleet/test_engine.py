@@ -68,7 +68,7 @@ def test_a_finished_cell_is_skipped_and_a_changed_one_computed_again(tmp_path, c
 
 
 class Stop(Exception):
-    """Ends a command between two cells."""
+    """Ends a command between two cells, or a worker."""
 
 
 @pytest.mark.parametrize("shard", [None, (1, 1)])
@@ -160,10 +160,6 @@ def test_an_edited_result_is_another_cell(tmp_path, monkeypatch):
     assert given == ["2 A.h", "2 A.h", "1.5 A.h", "1.5 A.h"]
 
 
-class Deadly(Exception):
-    """Ends the worker."""
-
-
 class Fragile(AtOnce):
     """Breaks for good, as a pool of processes does, where a cell ends the worker."""
 
@@ -177,7 +173,7 @@ class Fragile(AtOnce):
         future = Future()
         try:
             future.set_result(fn(*args, **kwargs))
-        except Deadly:
+        except Stop:
             self.is_broken = True
             future.set_exception(BrokenProcessPool("a worker died"))
         return future
@@ -198,7 +194,7 @@ def test_a_cell_that_kills_its_worker_costs_one_row(tmp_path, monkeypatch):
     def die(name):
         if name == "deadly":
             deaths.append(name)
-            raise Deadly
+            raise Stop
 
     made_rows(monkeypatch, die)
     monkeypatch.setattr("barnax.fleet.engine.ProcessPoolExecutor", lambda *_, **__: Fragile())
@@ -217,7 +213,7 @@ def test_an_executor_that_stays_broken_is_no_endless_loop(tmp_path, monkeypatch)
 
     def die_once(name):
         if name == "deadly" and dies.pop():
-            raise Deadly
+            raise Stop
 
     computed = made_rows(monkeypatch, die_once)
     cells = cells_of(["a", "deadly", "b"])

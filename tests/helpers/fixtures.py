@@ -45,6 +45,13 @@ def registered_circuits() -> Iterator[None]:
         registry.update(names)
 
 
+@pytest.fixture
+def double_precision() -> Iterator[None]:
+    """Double precision for all of JAX, as wherever a simulation is compared with a reference."""
+    with jax.enable_x64(True):
+        yield
+
+
 @pytest.fixture(scope="session")
 def real_data() -> Path:
     """The folder of measured cells, which cannot be shipped; tests that need it skip without."""
@@ -57,6 +64,12 @@ def real_data() -> Path:
 def bundled_record() -> Record:
     """The bundled cell's identification record."""
     return read_record(BUNDLED.record)
+
+
+@pytest.fixture(scope="session")
+def bundled_validation() -> Record:
+    """The bundled cell's validation record."""
+    return read_record(BUNDLED.validation)
 
 
 @pytest.fixture(scope="session")

@@ -34,10 +34,7 @@ every_box = pytest.mark.parametrize("name", BOXES)
 every_scale = pytest.mark.parametrize("scale", SCALES)
 
 
-@pytest.fixture(autouse=True)
-def _float64():
-    with jax.enable_x64(True):
-        yield
+pytestmark = pytest.mark.usefixtures("double_precision")
 
 
 # Bounds

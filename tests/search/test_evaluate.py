@@ -5,12 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from barnax.bundled import BUNDLED
 from barnax.cell import CircuitParameters
 from barnax.model.prepared import prepare_record
 from barnax.model.reference import simulate_circuit
 from barnax.model.window import Window
-from barnax.records import read_record
 from barnax.search.evaluate import evaluate, step_warnings, validate
 from helpers.reference import drop_v, filtered_response, make_record
 
@@ -19,8 +17,8 @@ WINDOW = Window(score_from_s=99.5, score_to_s=1500.5)
 
 
 @pytest.fixture(scope="module")
-def evaluation(bundled_cell):
-    return validate(read_record(BUNDLED.validation), bundled_cell, "iso-rc", CIRCUIT, WINDOW)
+def evaluation(bundled_validation, bundled_cell):
+    return validate(bundled_validation, bundled_cell, "iso-rc", CIRCUIT, WINDOW)
 
 
 def test_the_simulated_voltage_is_that_of_a_digital_filter(evaluation):

@@ -15,12 +15,13 @@ import numpy as np
 from tests.helpers.packs import PackedCell, alike, drive_a, frame, ocv_table, simulated
 
 import barnax
+from barnax.cell.parameters import ANYWHERE
 from barnax.factors import factors_to_bytes
 from barnax.fleet.dataset import dataset_path, factors_path, keep_file, regrouped, write_rows
 from barnax.fleet.engine import identify_fleet
 from barnax.model.prepared import PreparedRecord, prepare_record
 from barnax.over_soc.pack import CAPACITY, R0, SHIFT, TOTAL
-from barnax.over_soc.record_factors import CONSTANT, Grid, factors_of
+from barnax.over_soc.record_factors import Grid, factors_of
 from barnax.pack import Pack, identify_pack
 from benchmarks.pages import as_markdown, provenance, save_page
 
@@ -149,7 +150,7 @@ def factors(folder: Path) -> list[str]:
     """Reduction in rows a second, sizes, and grouping and fitting many stored ones."""
     logs, found = records(DISTINCT), []
     for kind, grid, stored in (
-        ("constants", Grid(nodes=CONSTANT), STORED), ("tables", Grid(), STORED_TABLES),
+        ("constants", Grid(nodes=ANYWHERE), STORED), ("tables", Grid(), STORED_TABLES),
     ):  # fmt: skip
         factors_of(logs[0], grid)
         began = time.process_time(), time.perf_counter()
@@ -178,7 +179,7 @@ def factors(folder: Path) -> list[str]:
 
 def reduced_rows(logs: list[PreparedRecord]) -> int:
     """One process's share of all rows, to factors as they are stored."""
-    grid, rows = Grid(nodes=CONSTANT), 0
+    grid, rows = Grid(nodes=ANYWHERE), 0
     while rows < ALL_ROWS / PROCESSES:
         for log in logs:
             factors_to_bytes([factors_of(log, grid)])

@@ -1,5 +1,6 @@
 """The error for an input that cannot be used, and how messages quote its content."""
 
+import math
 import re
 import textwrap
 import unicodedata
@@ -77,6 +78,12 @@ def require_number(name: str, value: Any, hint: Any) -> None:
         raise InputError(
             f"`{name}` {value!r} is not a {kind}; give one without quotes or unit, as {example}"
         )
+
+
+def require_positive(name: str, value: float | None, unit: str = "") -> None:
+    """Raise `InputError` where an option's value, if it has one, is not positive and finite."""
+    if value is not None and not 0 < value < math.inf:
+        raise InputError(f"`{name}` {value:g} {unit}".rstrip() + " must be positive and finite")
 
 
 def choices_in(hint: Any) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from .errors import InputError, choices_in, require_choice, require_number
+from .errors import InputError, choices_in, require_choice, require_number, require_positive
 
 AutoSign = Literal["auto", "charge-positive", "discharge-positive"]
 AutoHold = Literal["auto", "forward", "backward", "centered"]
@@ -374,8 +374,7 @@ class Window:
                 "charged) nor -1 (discharged)"
             )
         for name, value in (("rest_current", self.rest_current_a), ("capacity", self.capacity_ah)):
-            if value is not None and not 0 < value < math.inf:
-                raise InputError(f"`{name}` {value} must be positive")
+            require_positive(name, value)
         if not is_temperature(self.temperature_degc or 0.0):
             given = f"`temperature` {self.temperature_degc:g}"
             raise InputError(f"{given} is no cell's in degC; subtract 273.15 from kelvin")

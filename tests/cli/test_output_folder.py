@@ -12,12 +12,13 @@ from pathlib import Path
 import pytest
 
 from barnax.bundled import BUNDLED
+from barnax.cell.parameters import ANYWHERE
 from barnax.cli.output import require_free, write_file, write_folder
 from barnax.errors import InputError
 from barnax.factors import factors_to_bytes
 from barnax.files import aside, unfinished
 from barnax.model.prepared import Window, prepare_record
-from barnax.over_soc.record_factors import CONSTANT, Grid, factors_of, fit_factors
+from barnax.over_soc.record_factors import Grid, factors_of, fit_factors
 
 from .conftest import BUDGET, contents
 
@@ -97,7 +98,7 @@ def test_tables_of_factors_whose_folder_was_taken_meanwhile_say_where_they_are(
 ):
     window = Window(score_to_s=2000.5)
     prepared = prepare_record(bundled_record, bundled_cell, "so-rc", window)
-    factors = factors_of(prepared, Grid(low_s=4.0, high_s=250.0, nodes=CONSTANT))
+    factors = factors_of(prepared, Grid(low_s=4.0, high_s=250.0, nodes=ANYWHERE))
     (tmp_path / "a.factors.npz").write_bytes(factors_to_bytes([factors]))
 
     def slow(*given):

@@ -165,7 +165,7 @@ PROBLEMS = [
     "row 4: the id 'c00' occurs twice, first in row 2",
     "row 5 (a/b): an id is the name of a folder too",
     "row 5 (a/b): initial_soc 'eight': write it like",
-    "n1: capacity -2.0 must be positive",
+    "n1: capacity -2 must be positive",
     "row 7 (n2): capacity 'zwei': write it like",
     "row 8 (=cmd): spreadsheets take this id for a formula",
     "row 9: no id",

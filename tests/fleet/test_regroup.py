@@ -3,6 +3,7 @@
 import pytest
 
 import barnax
+from barnax.cell.parameters import ANYWHERE
 from barnax.errors import InputError
 from barnax.factors import factors_to_bytes
 from barnax.fleet import identify_fleet
@@ -17,7 +18,7 @@ from barnax.fleet.dataset import (
 from barnax.fleet.manifest import FleetCell
 from barnax.fleet.rows import identify_rows
 from barnax.model.prepared import Window, prepare_record
-from barnax.over_soc.record_factors import CONSTANT, Grid, factors_of
+from barnax.over_soc.record_factors import Grid, factors_of
 from helpers.made_cell import made
 
 
@@ -35,7 +36,7 @@ def fleet(tmp_path_factory, bundled_record, bundled_cell):
     for name, first_s in (("a", 0.0), ("b", 2000.0)):
         window = Window(score_from_s=first_s, score_to_s=first_s + 2000.5)
         prepared = prepare_record(bundled_record, bundled_cell, "so-rc", window)
-        factors = factors_of(prepared, Grid(low_s=4.0, high_s=250.0, nodes=CONSTANT))
+        factors = factors_of(prepared, Grid(low_s=4.0, high_s=250.0, nodes=ANYWHERE))
         size = keep_file(out, factors_path(out, name), factors_to_bytes([factors]))
         rows.append({"id": name, "error": None, "cell_name": "A/1", "factor bytes": size})
     rows.append({"id": "c", "error": "no such file", "cell_name": "B", "factor bytes": None})

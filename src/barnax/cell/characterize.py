@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import PchipInterpolator
 
-from ..errors import InputError
+from ..errors import InputError, require_positive
 from ..notices import Notice
 from ..records import Record
 from ..settings import HysteresisFit, OcvFit
@@ -68,8 +68,7 @@ def characterize(
         raise InputError("an OCV test is needed; no record was given")
     given = (("capacity", capacity_ah, "Ah"), ("ocv_capacity", ocv_capacity_ah, "Ah"))
     for option, value, unit in (*given, ("rest_current", rest_current_a, "A")):
-        if value is not None and not value > 0:
-            raise InputError(f"`{option}` must be positive, in {unit}; {value} was given")
+        require_positive(option, value, unit)
     of_records = [
         find_sweeps(test, capacity_ah, rest_current_a) for test in tests if isinstance(test, Record)
     ]

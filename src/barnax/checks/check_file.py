@@ -9,7 +9,7 @@ import numpy as np
 
 from ..cell import OcvTable, read_ocv_table
 from ..display import Brief
-from ..errors import InputError
+from ..errors import require_positive
 from ..notices import Notice
 from ..records import Hold
 from ..records.dialects import Sign
@@ -115,8 +115,7 @@ def check_file(
     >>> checked.is_clean, [role.name for role in checked.roles if role.is_usable]
     (True, ['identification', 'validation'])
     """
-    if capacity_ah is not None and not capacity_ah > 0:
-        raise InputError(f"`capacity` must be positive, in Ah; {capacity_ah} was given")
+    require_positive("capacity", capacity_ah, "Ah")
     if not isinstance(source, Source):
         source = read_source(source, columns=columns)
     if source.table.header.is_ocv_table:

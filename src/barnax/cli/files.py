@@ -12,7 +12,7 @@ import typer
 import barnax
 
 from .. import reporting
-from ..errors import InputError, printable
+from ..errors import InputError, printable, require_positive
 from ..settings import Reading
 from .options import Given, options_of
 from .output import require_free_file, tell_unfinished, write_file
@@ -60,8 +60,7 @@ def check(
         from ..records.source import files_of, name_of
 
     for name, value, unit in ("capacity", capacity, "Ah"), ("rest_current", rest_current, "A"):
-        if value is not None and not value > 0:
-            raise InputError(f"`{name}` {value} {unit} must be positive")
+        require_positive(name, value, unit)
     how, wording = Reading(**read), reporting.wording.wording
     chosen = {"capacity_ah": capacity, "rest_current_a": rest_current}
     checks, unreadable = [], []

@@ -41,7 +41,6 @@ from ..records.lag import lagged
 from ..search.answers import AtBound
 from ..uncertainty.noise import Slots, summed
 
-# Half a 95 % interval in standard errors.
 # So near to an end of the SOC is at it, and so far may blocks take a cell below their stretch.
 NEARLY_SOC, OVERSHOT = 0.02, 0.03
 # What a circuit leaves out: other pairs, of such a share of R0 and such shares and multiples of its

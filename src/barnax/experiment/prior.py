@@ -18,7 +18,7 @@ from ..cell.model import MIXED_POINTS
 from ..cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION
 from ..cell.soc_axis import CAPACITY_WARNING, GIVEN
 from ..cell.tables import LEAST_OHM
-from ..errors import InputError, attempt, require_choice
+from ..errors import InputError, attempt, require_choice, require_positive
 from ..model.sampling import least_r0_share
 from ..over_soc.fit import TableFit
 from ..over_soc.intervals import MAX_SLOTS, UNSEEN
@@ -79,8 +79,7 @@ def prior_of(
 
     Raises `InputError` for what is no capacity, where nothing tells it, and as those below do.
     """
-    if capacity_ah is not None and not 0 < capacity_ah < math.inf:
-        raise InputError(f"`capacity` {capacity_ah:g} Ah must be positive and finite")
+    require_positive("capacity", capacity_ah, "Ah")
     if before is None:
         if capacity_ah is None:
             raise InputError("a test needs a `capacity` in Ah, or the result of earlier records")

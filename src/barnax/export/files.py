@@ -29,6 +29,7 @@ from ..filters.model import (
     STEPS_PER_SOC,
     WALK_S,
 )
+from ..records.quantities import KELVIN
 from ..result_filter import model_of
 from ..results import Result
 from .exporter import Export, caveats_of, from_template, note_lines
@@ -247,7 +248,7 @@ def write_simscape(result: Result) -> Export:
         "ResistanceSOCBreakpoints": inside,
     }
     if degc is not None:
-        kelvin = np.array(degc) + 273.15
+        kelvin = np.array(degc) - KELVIN.offset
         table_based["T_vec"] = kelvin
         equivalent["TemperatureBreakpoints"] = kelvin
         equivalent["ResistanceTemperatureBreakpoints"] = kelvin

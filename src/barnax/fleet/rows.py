@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..cell import CellModel, OcvTable, characterize, read_ocv_test
+from ..cell.parameters import ANYWHERE
 from ..checks import check_file
 from ..checks.against_cell import compare_temperatures
 from ..errors import InputError, attempt, reason_of
@@ -23,7 +24,7 @@ from ..metrics import Metrics
 from ..model.window import Window
 from ..notices import Notice
 from ..over_soc.fit import TableFit
-from ..over_soc.record_factors import CONSTANT, Grid, factors_of, factors_of_cells, fit_factors
+from ..over_soc.record_factors import Grid, factors_of, factors_of_cells, fit_factors
 from ..over_soc.settings import table_name
 from ..pack import Pack, identify_pack
 from ..pipeline import identify, identify_problem
@@ -105,7 +106,7 @@ def grid_of(cell: FleetCell, settings: Options) -> Grid | None:
     """
     kind = settings.get("keep_factors")
     circuit = cell.options.get("model") or settings.get("model") or Grid.circuit
-    nodes = CONSTANT if kind == "constants" else Grid.nodes
+    nodes = ANYWHERE if kind == "constants" else Grid.nodes
     return Grid(circuit=circuit, nodes=nodes) if kind else None
 
 

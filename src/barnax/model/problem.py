@@ -295,15 +295,15 @@ def make_problem(
         raise ValueError(
             f"{len(windows)} windows for {len(records)} records; give one for all, or one for each"
         )
-    interval_s = list[PreparedRecord]()
+    ready = list[PreparedRecord]()
     for record, its in zip(records, windows, strict=True):
         try:
-            interval_s.append(prepare_record(record, cell, circuit, its))
+            ready.append(prepare_record(record, cell, circuit, its))
         except InputError as problem:
             if problem.code.startswith("start."):
                 require_whole_log(record, records, problem)
             raise
-    prepared_records = tuple(interval_s)
+    prepared_records = tuple(ready)
     for prepared in prepared_records:
         require_changing_voltage(prepared)
     model = get_circuit(circuit)

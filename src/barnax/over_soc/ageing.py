@@ -25,6 +25,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import softmax
 
+from ..cell.parameters import OHMIC
 from ..cell.tables import hats
 from ..execution import in_float64
 from ..model.prepared import FEWEST_SAMPLES, PreparedRecord
@@ -40,7 +41,7 @@ Nuisance = Float[np.ndarray, "nuisances"]
 CIRCUIT = "so-rc"
 # Where resistances are told.
 AT_SOC = 0.5
-CAPACITY, SHIFT, R0, R = "capacity [A.h]", "OCV shift [V]", "R0 [Ohm]", "R [Ohm]"
+CAPACITY, SHIFT, R0, R = "capacity [A.h]", "OCV shift [V]", OHMIC, "R [Ohm]"
 AGED = (CAPACITY, "start SOC", SHIFT, R0, R)
 # Standard deviations of what is believed of a shift of the OCV, of the logarithm of a capacity, and
 # of a start of which nothing is.
@@ -107,8 +108,8 @@ def measure_ageing(
     Args:
         prepared_records: Records of one cell at one age, with the OCV that it had before.
         settings: The bounds and weights of tables.
-        is_own: Whether the OCV was identified from these very records, of which it then tells R0
-            alone, on the capacity that was told.
+        is_fitted: Whether the OCV was identified from these very records, which then determine R0
+            alone, on the capacity that was given.
 
     What the records do not determine says so, for others may help to; all of it is left out where
     no capacity fits them.

@@ -11,7 +11,7 @@ from pydantic import Field
 from ..cell import CircuitParameters, TemperatureTables
 from ..cell.dependence import BETA
 from ..cell.model import REFERENCE_DEGC, SAME_DEGC
-from ..cell.parameters import OCV_CORRECTION
+from ..cell.parameters import OCV_CORRECTION, OHMIC
 from ..errors import InputError
 from ..model.prepared import PreparedRecord
 from ..model.sampling import Resampling, least_r0_share, resampling
@@ -31,7 +31,7 @@ from .settings import TableSettings, table_name
 # resistances, of which a wrong test makes 24 to 68 %.
 # A correction that is not determined is said from the last on.
 DISAGREES_V, DISAGREES_SHARE, OVERRULED_V = 0.03, 0.2, 0.05
-R0 = "R0 [Ohm]"
+R0 = OHMIC
 # What stands for a table where there is room for one value.
 MIDDLE_SOC = 0.5
 

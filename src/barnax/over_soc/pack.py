@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..cell import CircuitParameters
+from ..cell.parameters import OHMIC
 from ..execution import in_float64
 from ..model.descent import polish
 from ..model.prepared import PreparedRecord
@@ -30,7 +31,7 @@ MIDDLE = (0.1, 0.9)
 # Starts and capacities with a wider half interval than this, in SOC or as a share, are left out.
 WIDEST = 0.1
 R0, TOTAL, SHIFT, CAPACITY, LOADED = (
-    "R0 [Ohm]", "total R [Ohm]", "SOC shift", "capacity ratio", "loaded voltage [V]",
+    OHMIC, "total R [Ohm]", "SOC shift", "capacity ratio", "loaded voltage [V]",
 )  # fmt: skip
 QUANTITIES = (R0, TOTAL, SHIFT, CAPACITY, LOADED)
 

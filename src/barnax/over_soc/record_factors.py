@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..cell import get_circuit
+from ..cell.parameters import ANYWHERE
 from ..cell.soc_axis import is_above
 from ..errors import InputError
 from ..execution import in_float64
@@ -33,9 +34,6 @@ from .settings import TableSettings
 TOLERANCE = 1e-7
 # Rows of a factor that add less than this to any column's RMS, in V, are left out.
 NEGLIGIBLE_V = 1e-9
-# The one node of a constant circuit.
-CONSTANT = (0.5,)
-
 OcvSource = Literal["OCV test", "own"]
 # What a fit asks of a record, as `PreparedRecord` has it.
 INTERVALS = ("median_interval_s", "dense_interval_s")
@@ -148,7 +146,7 @@ class RecordFactors:
     def constant(self) -> "RecordFactors":
         """The same for a circuit with one value of each resistance at every SOC, and the OCV of its
         own where it has one."""
-        grid = replace(self.grid, nodes=CONSTANT)
+        grid = replace(self.grid, nodes=ANYWHERE)
         parts = tuple(part.coarser(has_ocv=grid.layout.has_correction) for part in self.parts)
         return replace(self, grid=grid, visited=np.array([True]), parts=parts)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..cell.parameters import require_nodes
-from ..errors import InputError
+from ..errors import InputError, require_positive
 from ..model.search_space import Range
 from ..settings import NODES, TableOptions
 
@@ -37,8 +37,7 @@ class TableSettings(TableOptions):
         require_nodes(self.nodes)
         require_nodes(self.ocv_nodes or self.nodes)
         for name in ("roughness", "resistance_ridge", "voltage_ridge", "block_s"):
-            if not 0 < getattr(self, name) < np.inf:
-                raise InputError(f"`{name}` {getattr(self, name):g} must be positive")
+            require_positive(name, getattr(self, name))
         if self.folds < 0 or self.folds == 1:
             raise InputError(f"`folds` {self.folds} must be 0 or at least 2")
         for name in [*self.bounds, *self.fixed]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from ..cell.elements import ElementNames, is_resistance, names_beside
+from ..cell.parameters import OHMIC
 from .covariance import Covariance, Estimate, Uncertainty
 
 if TYPE_CHECKING:
@@ -134,9 +135,9 @@ class _Search:
         if not tau.value <= 0.5 * self.interval_s * (1 + NEAR_LIMIT):
             return
         if not _is_tight(resistance):
-            total = self.sum_of(("R0 [Ohm]", resistance.name))
-            if self.is_sharper(total, ("R0 [Ohm]", resistance.name)):
-                yield self.finding("too fast", (tau.name, resistance.name, "R0 [Ohm]"), total)
+            total = self.sum_of((OHMIC, resistance.name))
+            if self.is_sharper(total, (OHMIC, resistance.name)):
+                yield self.finding("too fast", (tau.name, resistance.name, OHMIC), total)
         elif not _is_tight(tau) and tau.held != "fixed":
             yield self.finding("too fast", (tau.name,), resistance)
 

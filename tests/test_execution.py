@@ -65,6 +65,15 @@ def test_the_oldest_programs_are_let_go_and_made_again(monkeypatch):
     assert len(execution._programs) == len(execution._making) == 2
 
 
+def times(values, factor):
+    return values * factor if factor is not True else -values
+
+
+def test_values_of_other_types_that_are_equal_have_programs_of_their_own():
+    results = [float(compile_for(times, np.ones(1), one)(np.ones(1), one)[0]) for one in (1, True)]
+    assert results == [1, -1]
+
+
 def summed(values):
     """A running sum of cosines, by a scan."""
 

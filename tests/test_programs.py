@@ -15,6 +15,7 @@ import pytest
 from barnax import execution, programs
 from barnax.execution import compile_for
 
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="kept on Linux alone")
 SOUND = np.array([[4.0, 2.0], [2.0, 5.0]])
 
 
@@ -195,10 +196,27 @@ def test_a_damaged_file_is_compiled_anew_and_replaced(folder, compiled, damaged,
     assert len(compiled) == 2
 
 
+def test_a_program_under_the_name_of_another_is_not_loaded(folder, monkeypatch):
+    run(monkeypatch)
+    (path,) = folder.iterdir()
+    other = path.with_name(f"{'0' * 64}.program")
+    other.write_bytes(path.read_bytes())
+    other.chmod(0o600)
+    assert programs._read(path)
+    assert programs._read(other) is None
+
+
+@pytest.mark.usefixtures("folder")
+def test_nothing_is_kept_where_jax_has_several_devices(monkeypatch):
+    monkeypatch.setattr(jax, "device_count", lambda: 2)
+    assert programs._path_of(total, [SOUND]) is None
+
+
 def test_what_jax_does_not_load_again_is_left_to_its_own_cache(folder, compiled, monkeypatch):
     first = run(monkeypatch)
     (path,) = folder.iterdir()
     programs._write(path, b"no program")
+    assert programs._read(path) == b"no program"
     assert run(monkeypatch).tobytes() == first.tobytes() == run(monkeypatch).tobytes()
     assert programs._read(path) == b""
     assert compiled[1:] == ["factor_of", "factor_of"]
@@ -295,6 +313,7 @@ def test_processes_share_programs_and_may_write_them_at_once(tmp_path):
         for _ in range(2)
     ]
     *_, first = (process.communicate()[0].split() for process in started)
+    assert [process.returncode for process in started] == [0, 0]
     assert len([*Path(tmp_path, programs.FOLDER).iterdir()]) == 1
     ran = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     # Nothing else in that process has had JAX lower what calls LAPACK.

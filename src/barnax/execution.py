@@ -67,7 +67,8 @@ _guard = threading.Lock()
 
 
 def compile_for(function: Callable[..., Outcome], *arguments: Any) -> Callable[..., Outcome]:
-    """The function, compiled for arguments of these shapes and settings.
+    """The function, compiled for arguments of these shapes, and of these values where they are no
+    arrays, which calls of it cannot change.
 
     Asked again for the same ones it gives the same program, without tracing.
     """
@@ -75,12 +76,17 @@ def compile_for(function: Callable[..., Outcome], *arguments: Any) -> Callable[.
     import jax
 
     leaves, structure = jax.tree.flatten(arguments)
-    shapes = tuple((leaf.shape, str(leaf.dtype)) if eqx.is_array(leaf) else leaf for leaf in leaves)
+    shapes = tuple(
+        (leaf.shape, str(leaf.dtype)) if eqx.is_array(leaf) else (type(leaf), leaf)
+        for leaf in leaves
+    )
     wanted = (function, structure, shapes)
     with _guard:
         lock = _making.setdefault(wanted, threading.Lock())
     with lock:
-        if wanted not in _programs:
+        with _guard:
+            program = _programs.get(wanted)
+        if program is None:
             program = _program(function, arguments)
             with _guard:
                 _programs[wanted] = program
@@ -88,7 +94,7 @@ def compile_for(function: Callable[..., Outcome], *arguments: Any) -> Callable[.
                     oldest = next(iter(_programs))
                     del _programs[oldest]
                     _making.pop(oldest, None)
-        return _programs[wanted]
+        return program
 
 
 def _program(function: Callable[..., Outcome], arguments: Sequence[Any]) -> Callable[..., Outcome]:

@@ -1,8 +1,9 @@
 """Files that are there whole or not at all, whoever is killed when.
 
-A file is written beside its place under a name of its own, and put there in one step. What is left
-of a killed process is `unfinished`: it is told and stays, for nobody else knows whether its process
-still runs, perhaps on another machine.
+A file is written beside its place under a name of its own, and put there in one step; a folder that
+replaces another in two, between which `restore` goes on. What is left of a killed process is
+`unfinished`: it is told and stays, for nobody else knows whether its process still runs, perhaps on
+another machine.
 """
 
 import csv
@@ -139,6 +140,23 @@ def locked(folder: Path) -> Iterator[None]:
                 stack.callback(os.close, lock)
                 fcntl.flock(lock, fcntl.LOCK_EX)
         yield
+
+
+def restore(path: Path) -> None:
+    """Put a new result in the place of `path` where a process was killed while it replaced it.
+
+    What cannot be restored is missing to whoever looks for it.
+    """
+    with suppress(OSError, RuntimeError):
+        path = path.resolve()
+        while not path.parent.exists():
+            path = path.parent
+        for left in unfinished(path.parent):
+            if (left / "old" / path.name).exists():
+                # A process that still writes ends first.
+                with locked(path.parent):
+                    if not os.path.lexists(path):
+                        os.replace(left / "new", path)
 
 
 @contextmanager

@@ -30,7 +30,9 @@ FOLDER = "barnax-programs"
 # The programs of about eighty runs.
 MOST_BYTES = 256 * 2**20
 # Packages whose functions are traced.
-TRACED = ("equinox", "jax", "jaxlib", "lineax", "numpy", "optimistix")
+TRACED = (
+    "equinox", "jax", "jaxlib", "lineax", "ml_dtypes", "numpy", "opt_einsum", "optimistix"
+)  # fmt: skip
 # What a process has of barnax when its command begins.
 BEGUN = {f"barnax.{name}" for name in ("__main__", "devices", "display", "programs")}
 # Variables that change what is traced; and those by which XLA compiles otherwise, some from files:
@@ -104,7 +106,8 @@ def kept(
         program = compile_as(ending)
         _write(path, _content_of(program))
         for other in path.parents[1].glob(f"*{ending}*"):
-            other.unlink(missing_ok=True)
+            with suppress(OSError):
+                other.unlink()
     if program is None:
         # JAX's own cache has what cannot be kept, which is a file without content.
         program = compile_as("")
@@ -125,7 +128,9 @@ def _path_of(function: Callable[..., Any], arguments: Sequence[Any]) -> Path | N
     if _source is None or not cache or "://" in cache or has_flags:
         return None
     request, folder = _request(function, arguments), Path(cache) / FOLDER
-    if request is None or jax.default_backend() != "cpu" or not _is_ready(folder):
+    # A program is loaded for all devices.
+    is_alone = jax.default_backend() == "cpu" and jax.device_count() == 1
+    if request is None or not is_alone or not _is_ready(folder):
         return None
     variables = sorted(pair for pair in os.environ.items() if pair[0].startswith(VARIABLES))
     in_thread = [
@@ -195,8 +200,13 @@ def _read(path: Path) -> bytes | None:
             # What is used stays longest.
             os.utime(file.fileno())
             digest, content = file.read(DIGEST_BYTES), file.read()
-            return content if digest == hashlib.sha256(content).digest() else None
+            return content if digest == _digest(path, content) else None
     return None
+
+
+def _digest(path: Path, content: bytes) -> bytes:
+    """The digest of a program and of what it is made from, which is its file's name."""
+    return hashlib.sha256(path.name.encode() + content).digest()
 
 
 def _loaded(content: bytes) -> Any:
@@ -232,7 +242,7 @@ def _write(path: Path, content: bytes) -> None:
         try:
             if _hash_source() == _source:
                 written.touch(0o600)
-                written.write_bytes(hashlib.sha256(content).digest() + content)
+                written.write_bytes(_digest(path, content) + content)
                 written.replace(path)
                 _remove_oldest(path.parent)
         finally:

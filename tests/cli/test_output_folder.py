@@ -16,7 +16,7 @@ from barnax.cell.parameters import ANYWHERE
 from barnax.cli.output import require_free, write_file, write_folder
 from barnax.errors import InputError
 from barnax.factors import factors_to_bytes
-from barnax.files import aside, unfinished
+from barnax.files import aside, restore, unfinished
 from barnax.model.prepared import Window, prepare_record
 from barnax.over_soc.record_factors import Grid, factors_of, fit_factors
 
@@ -160,12 +160,12 @@ def stopped_by(cause):
 @pytest.mark.parametrize(
     ("name", "cause"),
     [
-        *((name, FULL) for name in ("mkdir", "fsync", "replace", "unlink", "rmdir")),
+        *((name, FULL) for name in ("mkdir", "fsync", "link", "replace", "unlink", "rmdir")),
         ("replace", KeyboardInterrupt()),
     ],
 )
 def test_a_stop_at_any_step_leaves_the_old_folder_or_the_new_one(tmp_path, cause, name):
-    """What is not deleted is no failure."""
+    """Without room for a link there is a copy, and what is not deleted is no failure."""
     outcomes, nth, is_stopped = set(), 0, True
     while is_stopped:
         out = tmp_path / str(nth) / "out"
@@ -203,7 +203,7 @@ from barnax.cli.output import write_folder
 
 def killing(step):
     steps = itertools.count()
-    for name in ("mkdir", "open", "fsync", "rename", "replace", "unlink", "rmdir"):
+    for name in ("mkdir", "open", "fsync", "link", "rename", "replace", "unlink", "rmdir"):
         def counted(*given, _real=getattr(os, name), **more):
             if next(steps) == step:
                 os.kill(os.getpid(), signal.SIGKILL)
@@ -214,8 +214,10 @@ folder, old, new, mine = Path(sys.argv[1]), *map(eval, sys.argv[2:])
 is_killed, step = True, 0
 while is_killed:
     out = folder / str(step) / "out"
-    write_folder(out, old, False)
+    if old:
+        write_folder(out, old, False)
     for name, content in mine.items():
+        (out / name).parent.mkdir(exist_ok=True)
         (out / name).write_bytes(content)
     child = os.fork()
     if child == 0:
@@ -227,25 +229,48 @@ while is_killed:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no process can kill itself there")
-def test_a_kill_at_any_step_leaves_whole_files_of_which_none_is_lost(tmp_path):
-    """What the process left aside stays, and the next command says so."""
-    subprocess.run(
-        [sys.executable, "-c", KILLED, str(tmp_path), *map(repr, (OLD, NEW, MINE))], check=True
-    )
-    states = []
+@pytest.mark.parametrize(("before", "mine"), [({}, {}), (OLD, MINE)], ids=["fresh", "replaced"])
+def test_a_kill_at_any_step_leaves_the_old_result_or_the_new_one_whole(tmp_path, before, mine):
+    """Between the two steps of a replacement the next command restores the new one; what the
+    process left stays, and so does what only looks like it."""
+    words = map(repr, (before, NEW, mine))
+    subprocess.run([sys.executable, "-c", KILLED, str(tmp_path), *words], check=True)
+    wholes, absent, states, left = [before | mine, NEW | mine], 0, [], []
     for parent in sorted(tmp_path.iterdir(), key=lambda path: int(path.name)):
-        there, lost = inside(parent / "out"), [inside(path) for path in unfinished(parent)]
-        assert MINE.items() <= there.items()
-        aside_of = {way: {n.removeprefix(f"{way}/"): c for files in lost for n, c in files.items()
-                          if n.startswith(f"{way}/")} for way in ("old", "new")}  # fmt: skip
-        is_old = OLD.items() <= (there | aside_of["old"]).items()
-        is_new = NEW.items() <= (there | aside_of["new"]).items()
-        assert is_old or is_new
-        assert {there[name] for name in there.keys() & OLD.keys()} <= {b"old", b"new"}
-        states.append((OLD.items() <= there.items(), NEW.items() <= there.items()))
-    assert (states[0], states[-1], len(states) > 10) == ((True, False), (False, True), True)
-    # A folder of both is there for less than a third of all steps.
-    assert states.count((False, False)) < len(states) / 3
+        out = parent / "out"
+        left = unfinished(parent)
+        absent += bool(before) and not out.exists()
+        restore(out / "result.json")
+        states.append(wholes.index(written(out)))
+        assert write_folder(out, OLD, True) == out
+        assert written(out) == OLD | mine
+        assert unfinished(parent) == left
+    assert (left, absent) == ([], bool(before))
+    assert (states[0], states[-1], len(states) > 10) == (0, 1, True)
+    assert states == sorted(states)
+
+
+def test_a_command_restores_the_folder_that_it_is_to_read(run, tmp_path):
+    left = aside(tmp_path)
+    stored = (Path(__file__).parents[1] / "golden" / "result.json").read_bytes()
+    appear(left, {"new/result.json": stored, "old/out/result.json": b"old"})
+    assert run("show", tmp_path / "out").status == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == [left.name, "out"]
+
+
+def test_what_is_saved_while_a_folder_is_replaced_stays_beside_it(old, monkeypatch):
+    appear(old, MINE)
+    real = os.replace
+
+    def late(source, target):
+        if Path(source) == old:
+            appear(old, {"figures/late.png": b"mine"})
+        real(source, target)
+
+    monkeypatch.setattr(os, "replace", late)
+    assert write_folder(old, NEW, True) == old
+    assert written(old) == NEW | MINE
+    assert inside(old.with_name("out-2"))["figures/late.png"] == b"mine"
 
 
 def test_a_users_folders_and_links_stay_as_they_are(old):

@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 import barnax
 from barnax.bundled import BUNDLED
 from barnax.cell import characterize
-from barnax.experiment.information import columns_of
+from barnax.experiment.information import LEFT_OUT_NODES, columns_of
 from barnax.experiment.prior import counting, prior_of_chemistry
 from barnax.model.prepared import Window, prepare_record
 from barnax.records import read_record
@@ -36,6 +36,26 @@ def left(prepared, prior, error_v):
     error_v -= tables @ np.linalg.lstsq(tables, error_v, rcond=1e-6)[0]
     simulated_v = prepared.voltage_v - error_v
     return Evaluation(prepared, simulated_v)
+
+
+def test_pairs_answer_to_the_current_between_samples_however_it_was_logged(prepared, prior):
+    record = prepared.record
+    logged_a = np.append(0.0, record.interval_current_a)
+    backward = replace(record, current_a=logged_a, hold=replace(record.hold, value="backward"))
+    twin = prepare_record(backward, prepared.cell, "so-rc", prepared.settled_window)
+    np.testing.assert_array_equal(twin.held_a, prepared.held_a)
+    forward, other = (
+        columns_of(prior, each)[:, len(prior.names) :].reshape(
+            len(each.soc), -1, len(LEFT_OUT_NODES)
+        )
+        for each in (prepared, twin)
+    )
+    # Of four other pairs, and of the resistances of both, but for what changes at once.
+    answers = [0, 1, 2, 3, 5, 6]
+    assert np.abs(forward[:, answers]).max(axis=(0, 2)).min() > 0
+    # The charge at the start differs by what flows in a sample.
+    largest = np.abs(forward[:, answers]).max()
+    np.testing.assert_allclose(other[:, answers], forward[:, answers], atol=1e-3 * largest)
 
 
 def correlated(rng, count, time_s, sd_v):

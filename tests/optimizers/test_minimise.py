@@ -129,10 +129,13 @@ def test_each_search_ends_in_the_first_generation_where_its_stop_is_reached(
 
 @pytest.mark.parametrize(
     ("limit", "value"),
-    [("target", "a"), ("max_evaluations", 2.5), ("ftol", True), ("patience", "50")],
-)
-def test_a_stop_that_is_no_number_is_refused_with_its_value(limit, value):
-    with pytest.raises(ValueError, match=rf"^`{limit}` {value!r}"):
+    [
+        ("target", "a"), ("max_evaluations", 2.5), ("ftol", True), ("patience", "50"),
+        ("target", float("nan")), ("ftol", float("inf")), ("patience", None), ("patience", 0),
+    ],
+)  # fmt: skip
+def test_a_stop_that_would_never_end_is_refused_with_its_value(limit, value):
+    with pytest.raises(InputError, match=rf"^`{limit}` {value!r}"):
         Stop(**{limit: value})
 
 

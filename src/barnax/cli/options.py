@@ -22,6 +22,7 @@ import typer
 from typer.core import TyperCommand
 
 from ..errors import InputError, choices_in, naming
+from ..files import restore
 from ..settings import (
     WINDOW_OPTIONS,
     CellSettings,
@@ -86,7 +87,7 @@ def _parameter(name: str, hint: Any, default: Any, entry: Entry, **more: Any) ->
     more |= {"metavar": " ".join(word for word in entry.spelling.split() if word not in flags)}
     more |= {"help": as_flags(entry.help), "rich_help_panel": entry.panel, "show_default": False}
     if entry.panel == ARGUMENTS:
-        declared = typer.Argument(default, **more)
+        declared = typer.Argument(default, callback=_restored, **more)
     else:
         # A flag that is off has no other to switch it off.
         is_flag = hint in (bool, bool | None)
@@ -95,6 +96,14 @@ def _parameter(name: str, hint: Any, default: Any, entry: Entry, **more: Any) ->
     return inspect.Parameter(
         name, inspect.Parameter.KEYWORD_ONLY, default=declared, annotation=hint
     )
+
+
+def _restored(given: Any) -> Any:
+    """What was given, after `restore` of what it names."""
+    for path in given if isinstance(given, list) else [given]:
+        if isinstance(path, Path):
+            restore(path)
+    return given
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True)

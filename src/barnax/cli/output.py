@@ -1,5 +1,6 @@
 """A folder of results, or a single file, written whole or not at all."""
 
+import filecmp
 import hashlib
 import itertools
 import json
@@ -18,7 +19,7 @@ import barnax
 
 from .. import reporting
 from ..errors import InputError
-from ..files import aside, locked, undisturbed, unfinished, write_whole
+from ..files import aside, locked, restore, undisturbed, unfinished, write_whole
 from .options import group
 from .session import Session, as_flags
 
@@ -162,6 +163,7 @@ def require_free(folder: Path, is_forced: bool) -> None:
                 f"{folder}: results replace their folder as a whole; give `out` one in it"
             )
         existing = _writable(folder, target, another)
+        restore(target)
         for name in target.relative_to(existing).parts:
             # A name that no folder can have is refused now, not when the search is done.
             with suppress(FileNotFoundError):
@@ -181,52 +183,70 @@ def write_folder(folder: Path, files: Mapping[str, bytes], is_forced: bool) -> P
     """Put all files into `folder`, or leave what was there. Keys are paths below the folder.
 
     A result that is there is replaced where that is forced, if it is as it was written; a user's
-    own files are not touched. What has appeared there since `require_free` was asked stays too, and
-    the files go to a new folder beside it, `folder-2` or the next that is free: a long search is
-    not lost. Gives the folder that they went to.
+    own files stay. What has appeared there since `require_free` was asked stays too, and the files
+    go to a new folder beside it, `folder-2` or the next that is free: a long search is not lost.
+    Gives the folder that they went to.
 
-    All files are written aside first and then put in place, which takes a few ms. A failure in
-    these is undone; where the process is killed in them, what it had yet to move is aside.
+    A folder is there at once with all its files, the user's among them. Where the process is killed
+    between the two steps that replace one, `restore` takes the second.
     """
     target = folder.resolve()
-    # The list goes first: files that it does not name are the user's.
-    files = {LIST: _listed({name: _hash(content) for name, content in files.items()}), **files}
+    files = {**files, LIST: _listed({name: _hash(content) for name, content in files.items()})}
     described = _described(folder, "nothing was changed; give `out` another folder")
     with described, undisturbed(), ExitStack() as stack:
         target.parent.mkdir(parents=True, exist_ok=True)
+        restore(target)
         # Two commands that end at once write one after the other.
         stack.enter_context(locked(target.parent))
         workshop = aside(target.parent)
         workshop.mkdir()
         stack.callback(shutil.rmtree, workshop, ignore_errors=True)
-        fresh, old, undoing = workshop / "new", workshop / "old", ExitStack()
+        fresh, old = workshop / "new", workshop / "old" / target.name
         for name, content in files.items():
             write_whole(fresh / name, content)
         ours, theirs = _ours_and_theirs(target)
+        is_replaced = is_forced and not ours.isdisjoint(_results_in(target))
         # What would replace something of the user's.
-        is_in_the_way = any((target / name).is_dir() for name in files)
-        is_in_the_way |= bool(theirs & (files.keys() | _folders(files)))
-        if is_in_the_way or not is_forced or ours.isdisjoint(_results_in(target)):
+        clashes = [name for name in files if (target / name).is_dir()]
+        clashes += theirs & (files.keys() | _folders(files))
+        if clashes or not is_replaced:
             moved = _moved(fresh, target)
             return folder if moved == target else moved
-        moves = [(target / name, old / name) for name in sorted(ours, key=LIST.__eq__)]
-        moves += [(fresh / name, target / name) for name in files]
+        _share(target, fresh, ours | (_folders(ours) - _folders(theirs)))
+        old.parent.mkdir()
+        os.replace(target, old)
         try:
-            for source, goal in moves:
-                goal.parent.mkdir(parents=True, exist_ok=True)
-                os.replace(source, goal)
-                undoing.callback(os.replace, goal, source)
+            os.replace(fresh, target)
         except BaseException:
-            # Not to go before all is back: undoing may fail too.
+            # Not to go before it is back: undoing may be stopped too.
             kept = stack.pop_all()
-            undoing.close()
+            os.replace(old, target)
             kept.close()
             raise
-        for name in sorted(_folders(ours), reverse=True):
-            # Only an empty folder goes.
-            with suppress(OSError):
-                (target / name).rmdir()
+        # What somebody saved there meanwhile.
+        late = [name for name in _ours_and_theirs(old)[1] if not (old / name).is_symlink()]
+        if len(filecmp.cmpfiles(old, target, late)[0]) < len(late):
+            _moved(old, target)
     return folder
+
+
+def _share(target: Path, fresh: Path, but: set[str]) -> None:
+    """Put all of a folder into another too, `but` these paths: as links to the same files, or as
+    copies where the file system has no such links."""
+
+    def left_out(folder: str, names: Sequence[str]) -> list[str]:
+        inside = Path(folder).relative_to(target)
+        return [name for name in names if (inside / name).as_posix() in but]
+
+    def share(file: str, other: str) -> None:
+        try:
+            os.link(file, other)
+        except OSError:
+            shutil.copy2(file, other)
+
+    shutil.copytree(
+        target, fresh, symlinks=True, ignore=left_out, copy_function=share, dirs_exist_ok=True
+    )
 
 
 def _folders(names: Iterable[str]) -> set[str]:

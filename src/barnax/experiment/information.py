@@ -295,17 +295,20 @@ def columns_of(prior: Prior, prepared: PreparedRecord) -> Columns:
 
 def _left_out(prior: Prior, prepared: PreparedRecord) -> Columns:
     """The columns of what the circuit leaves out."""
-    soc, current_a, tables = prepared.soc, prepared.current_a, prior.tables
+    soc, tables = prepared.soc, prior.tables
     tau_s, interval_s = np.array(tables.tau_s), np.diff(prepared.time_s)
-    flows = prior.error.left_out * hats(soc, LEFT_OUT_NODES).T * current_a
-    other = OTHER_PAIR * flows * tables.at(OHMIC, soc)
+    shares = prior.error.left_out * hats(soc, LEFT_OUT_NODES).T
+    # Pairs answer to what flows from each sample to the next.
+    now_a, held_a = prepared.current_a, prepared.held_a
+    other = OTHER_PAIR * shares * held_a * tables.at(OHMIC, soc)
     between_s = np.sqrt(tau_s[:-1] * tau_s[1:])
     others_s = (*(tau_s[0] * np.array(FASTER)), *between_s, *(tau_s[-1] * np.array(SLOWER)))
     rows = [lagged(other, other_s, interval_s) for other_s in others_s]
-    flows *= CHANGE_AT_1C * np.abs(current_a) / prior.cell.capacity_ah
-    changing = [flows * tables.at(name, soc) for name in tables.resistances[1:]]
-    pairs = zip(changing, tau_s, strict=True)
-    rows += [changing[0], *(lagged(change, pair_s, interval_s) for change, pair_s in pairs)]
+    shares *= CHANGE_AT_1C / prior.cell.capacity_ah
+    ohm = [tables.at(name, soc) for name in tables.resistances[1:]]
+    rows.append(shares * now_a * np.abs(now_a) * ohm[0])
+    flows = shares * held_a * np.abs(held_a)
+    rows += [lagged(flows * r, pair_s, interval_s) for r, pair_s in zip(ohm, tau_s, strict=True)]
     return np.concatenate(rows).T
 
 

@@ -38,7 +38,7 @@ class Stop(eqx.Module):
             generations.
         patience: Those generations.
 
-    Raises `InputError` for what is no number.
+    Raises `InputError` for what is no finite number, and a `patience` below 1.
     """
 
     target: float | None = None
@@ -50,6 +50,10 @@ class Stop(eqx.Module):
         kinds = {"target": float, "max_evaluations": int, "ftol": float, "patience": int}
         for name, kind in kinds.items():
             require_number(name, getattr(self, name), kind)
+            value, least = getattr(self, name), 1 if name == "patience" else -np.inf
+            is_number = isinstance(value, float | int)
+            if (is_number and not least <= value < np.inf) or (value is None and least == 1):
+                raise InputError(f"`{name}` {value} ends no search; give a finite number")
 
     @property
     def is_early(self) -> bool:

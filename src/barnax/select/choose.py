@@ -257,13 +257,14 @@ class Bench:
         return self.policy.gain(simpler.loss, richer.loss)
 
     def _outcome(self, chosen: Fitted, more: Fitted, gain: Gain, best_gain: float) -> Outcome:
-        """What becomes of a richer circuit, unless no other gains more; where one does, what it
-        adds need not be determined."""
+        """What becomes of a richer circuit, unless no other gains more; where one does, its law
+        need not be determined."""
         if not self._is_worth(chosen, more, gain):
             return "no gain"
         if not chosen.point.has_rate and self._is_like_ocv(more):
             return "like the OCV"
-        if gain.value > best_gain and not self._is_determined(chosen.point, more):
+        is_needed = gain.value > best_gain or more.point.law == chosen.point.law
+        if is_needed and not self._is_determined(chosen.point, more):
             return "not determined"
         is_other = self.limits.is_asked and more.point.circuit != chosen.point.circuit
         is_law = self.limits.laws is not None and more.point.law != chosen.point.law

@@ -1,6 +1,8 @@
 """`barnax export`: one file, whole or not at all, and what it leaves out on stderr."""
 
+import hashlib
 import importlib.util
+import json
 import os
 import re
 import shutil
@@ -8,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from barnax.cli.output import LIST
 from barnax.export import EXPORTERS
 from barnax.results import Result
 from helpers.golden import RESULT
@@ -33,6 +36,16 @@ def test_every_target_goes_to_its_file(run, stored, tmp_path, name):
     # Beside the result, so that exports of two results are two files.
     assert stored.with_name(exporter.file_name).read_bytes() == content
     assert {*contents(stored.parent)} == {exporter.file_name, "result.json"}
+
+
+def test_an_export_in_a_folder_of_results_is_one_of_its_files(run, stored):
+    # So that another result, which takes the folder's place, leaves none of this cell's.
+    hashes = {stored.name: hashlib.sha256(stored.read_bytes()).hexdigest()}
+    stored.with_name(LIST).write_text(json.dumps(hashes), encoding="utf-8")
+    run("export", stored, "--to", "csv")
+    path = stored.with_name(EXPORTERS["csv"].file_name)
+    listed = json.loads(stored.with_name(LIST).read_text())
+    assert listed == hashes | {path.name: hashlib.sha256(path.read_bytes()).hexdigest()}
 
 
 @pytest.mark.parametrize("name", ["pybamm", "thevenin"])

@@ -15,7 +15,7 @@ from .. import reporting
 from ..errors import InputError, printable, require_positive
 from ..settings import Reading
 from .options import Given, options_of
-from .output import require_free_file, tell_unfinished, write_file
+from .output import add_file, require_free_file, tell_unfinished, write_file
 from .session import Session, shown
 
 if TYPE_CHECKING:
@@ -205,7 +205,7 @@ def export(
     if verify:
         with session.watch(f"Simulating in {exporter.package}"):
             verification = barnax.export.verify(stored, exporter, content)
-    write_file(path, content)
+    add_file(path, content)
     session.warn(caveats)
     session.show([f"{exporter.description}: [bold]{shown(path)}[/bold]"])
     if verification is not None:

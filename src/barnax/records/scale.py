@@ -275,7 +275,9 @@ def examine_voltage_range(samples: Samples) -> Samples:
     if voltage_v.min() >= 0 and voltage_v.max() <= high_v and beside_v.max() < low_v / 2:
         # A cell that loses its contact, or gets it, jumps there.
         at, least_v = int(np.argmin(voltage_v)), voltage_v.min()
-        return samples.telling(at, "voltage-unit.half-cell", column=name, least_v=least_v)
+        low = notice_at(samples, at, "voltage-unit.half-cell", column=name, least_v=least_v)
+        # One that never comes near a half cell's either is in another unit.
+        return samples.noting(low.rated("warning" if voltage_v.max() < low_v / 10 else "note"))
     severity: Severity = "error" if impossible.any() else "warning"
     given = {"voltage_v": voltage_v[first], "column": name, "samples": outside.sum()}
     is_most = outside.mean() > 0.5

@@ -42,6 +42,26 @@ def test_a_simulation_that_ends_early_never_passes_for_agreement():
     assert (found.largest_v, found.rms_v) == (math.inf, math.inf)
 
 
+@pytest.mark.parametrize(("starts_within", "is_alike"), [(True, True), (False, False)])
+def test_both_sides_start_full_where_a_package_starts_nothing_beyond(starts_within, is_alike):
+    result = make_result("so-rc")
+    # By as much as counted charge may put a start beyond full.
+    (part, *others) = result.inputs
+    start = replace(part.start, soc=1.0013)
+    fuller = result.model_copy(
+        update={"inputs": (part.model_copy(update={"start": start}), *others)}
+    )
+
+    def simulate(content, profile):
+        return simulate_here(fuller, profile, 1.0)
+
+    exporter = replace(
+        EXPORTERS["csv"], package="numpy", simulate=simulate, starts_within=starts_within
+    )
+    discharge = HeldLoad(5.0 * np.arange(200), np.full(200, 1.0))
+    assert (verify(fuller, exporter, b"", discharge).largest_v < 1e-9) == is_alike
+
+
 @pytest.mark.parametrize("direction", [1, -1])
 @pytest.mark.parametrize("circuit", ["iso-rc", "esc"])
 def test_both_sides_start_in_the_direction_the_identification_started_in(circuit, direction):

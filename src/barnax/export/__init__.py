@@ -23,7 +23,7 @@ from .verification import verify as verify
 _ALL = (
     Exporter(
         "pybamm", "Python module: parameter values of PyBaMM's Thevenin model", "barnax_pybamm.py",
-        python_modules.write_pybamm, "pybamm", python_modules.simulate_pybamm,
+        python_modules.write_pybamm, "pybamm", python_modules.simulate_pybamm, starts_within=True,
     ),
     Exporter(
         "thevenin", "Python module: parameter dictionary of NREL's thevenin", "barnax_thevenin.py",

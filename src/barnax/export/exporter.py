@@ -61,6 +61,7 @@ class Exporter:
         package: The Python package that runs it, if there is one.
         simulate: The voltage at every sample of a profile by that package, from the exported
             content.
+        starts_within: Whether that package starts no cell beyond full or empty.
     """
 
     name: str
@@ -69,6 +70,7 @@ class Exporter:
     write: Callable[[Result], Export]
     package: str | None = None
     simulate: Simulate | None = None
+    starts_within: bool = False
 
 
 def from_template(name: str, heading: str, caveats: tuple[str, ...], **values: Any) -> Export:

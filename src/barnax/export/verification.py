@@ -89,7 +89,9 @@ def verify(
             # What an export holds of the capacity is one value, and said to be.
             cell = replace(here.cell, capacity_ah=tables_of(result).capacity_ah)
             here = here.model_copy(update={"cell": cell})
-        differences.append(_differences(here, simulate, content, there))
+        # Counted charge may put a start a little beyond full.
+        soc = min(max(here.initial_soc, 0.0), 1.0) if exporter.starts_within else here.initial_soc
+        differences.append(_differences(here, simulate, content, there, soc))
     differences_v, without_v, turns_v = (
         np.concatenate(parts) for parts in zip(*differences, strict=True)
     )
@@ -105,18 +107,19 @@ def verify(
     )
 
 
-def _differences(result: Result, simulate: Simulate, content: bytes, profile: HeldLoad):
+def _differences(result: Result, simulate: Simulate, content: bytes, profile: HeldLoad, soc: float):
     """The differences at all samples, without hysteresis, and without those of turns."""
     there_v = simulate(content, profile)
-    difference_v = there_v - simulate_here(result, profile)
-    without_v = there_v - simulate_here(result, profile, without_hysteresis=True)
+    difference_v = there_v - simulate_here(result, profile, soc)
+    without_v = there_v - simulate_here(result, profile, soc, without_hysteresis=True)
     return difference_v, without_v, difference_v[~_turns(profile, result.start.direction)]
 
 
 def simulate_here(
-    result: Result, profile: HeldLoad, *, without_hysteresis: bool = False
+    result: Result, profile: HeldLoad, soc: float | None = None, *, without_hysteresis: bool = False
 ) -> Float[np.ndarray, "samples"]:
-    """barnax's own terminal voltage in V for a result's circuit, or its tables, on a profile.
+    """barnax's own terminal voltage in V for a result's circuit, or its tables, on a profile, from
+    an initial SOC.
 
     Intervals are cut in `FINER`: barnax holds a resistance over an interval, and a solver does not.
     """
@@ -124,9 +127,8 @@ def simulate_here(
     time_s = np.interp(np.arange(FINER * samples[-1] + 1) / FINER, samples, profile.time_s)
     current_a = np.append(np.repeat(profile.current_a[:-1], FINER), profile.current_a[-1])
     # No export holds what resistances follow beside SOC, as its caveats say.
-    simulated = simulate_current(
-        result, time_s, current_a, has_hysteresis=not without_hysteresis, has_dependence=False
-    )
+    how = {"has_hysteresis": not without_hysteresis, "has_dependence": False}
+    simulated = simulate_current(result, time_s, current_a, initial_soc=soc, **how)
     return simulated.voltage_v[::FINER]
 
 

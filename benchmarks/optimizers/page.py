@@ -133,10 +133,14 @@ def errors_and_times(results: Results) -> list[str]:
 def ecdf_figure(sections: dict[str, dict[str, Any]], spent: NDArray) -> Figure:
     """Share of targets reached against evaluations a dimension, a panel a suite."""
     suites = {name: Results(section["rows"]) for name, section in sections.items()}
-    figure = Figure(figsize=(max(8, 5 * len(suites)), 5), layout="constrained")
-    panels = figure.subplots(1, len(suites), squeeze=False, sharey=True)[0]
+    columns = min(4, len(suites))
+    rows = -(-len(suites) // columns)
+    figure = Figure(figsize=(max(8, 4 * columns), 1 + 3.5 * rows), layout="constrained")
+    panels = figure.subplots(rows, columns, squeeze=False, sharey=True).ravel()
+    for axes in panels[len(suites) :]:
+        axes.remove()
     for axes, (title, results), section in zip(
-        panels, suites.items(), sections.values(), strict=True
+        panels, suites.items(), sections.values(), strict=False
     ):
         # Runs end there.
         most = max(budget / dims for *_, dims, _, budget, _ in section["suites"])
@@ -146,7 +150,7 @@ def ecdf_figure(sections: dict[str, dict[str, Any]], spent: NDArray) -> Figure:
             axes.plot(spent, share, style, color=COLORS[number % len(COLORS)], label=name)
         axes.set(xscale="log", title=title, xlabel="evaluations / dimension", xlim=(spent[0], most))
         axes.grid(alpha=0.3)
-    panels[0].set(ylabel="share of targets reached")
+    figure.supylabel("share of targets reached")
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=6)
     return figure
 

@@ -259,7 +259,7 @@ def _with_warnings(result: Result, problem: Problem, inputs: Inputs | None = Non
     lower_ends = [
         (fact.low or 0.0) / fact.value
         for fact in result.fit.facts
-        if fact.name == R0 not in bounds and fact.is_mean and fact.is_assessed and fact.value
+        if fact.name == R0 and fact.is_mean and fact.is_assessed and fact.value and R0 not in bounds
     ]
     for one in identified:
         warnings += step_warnings(one, result.fits.of(one.prepared), *lower_ends)

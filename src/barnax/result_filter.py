@@ -174,7 +174,7 @@ def model_of(
         cell = replace(cell, capacity_ah=capacity_ah)
         errors = replace(errors, axis_sd=axis_sd_of(result, capacity_ah))
     fitted = {
-        fact.name.partition(" [")[0]: fact.standard_error / fact.value
+        fact.name.partition(" [")[0]: fact.standard_error / fact.value if fact.value else None
         for fact in result.without_tables().fit.constant_facts
     }
     rest_a, slow_sd = result.start_rest_current_a, []

@@ -53,7 +53,7 @@ LEFT_OUT_NODES = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
 UNSEEN_SHARE, UNSEEN_V = 0.3, 20e-3
 # Slots in a correlation time that an error is taken for constant in.
 SLOTS_A_TIME = 10
-# What is smaller is no number in a product. No resistance is larger than the next.
+# Smaller numbers count as zero in a product. No resistance is larger than the next.
 NOTHING = 1e-100
 MOST_OHM = 1e6
 # The RMSE that what is not known makes on a drive cycle is a wish too.
@@ -143,7 +143,7 @@ class Prior:
 
     @cached_property
     def objective(self) -> TableObjective:
-        """That of the tables that will be fitted, without samples. Bounds narrow no promise."""
+        """That of the tables that will be fitted, without samples. Bounds do not count."""
         settings = replace(
             self.settings,
             ocv_correction=True,
@@ -325,7 +325,7 @@ def information_of(prior: Prior, prepared: PreparedRecord) -> Information:
         start_s, count = (slot_s - interval_s) / 2, 2 + int(times_s[-1] / slot_s)
         slots = Slots(start_s, slot_s, count, count).gathered(times_s, of_unknowns)
         together = summed(slots, time_s / slot_s) if time_s else slots
-        # Products of numbers that are hardly any take six times as long.
+        # Products of denormal numbers take six times as long.
         together[np.abs(together) < NOTHING] = 0.0
         noise += sd_v**2 * (slots.T @ together)
     return Information(len(columns), columns.T @ columns, noise)

@@ -197,7 +197,7 @@ def prior_of_result(result: Result, temperature_degc: float | None = None) -> Pr
     evaluations = attempt(lambda: result.evaluations.identification)
     if isinstance(evaluations, InputError):
         evaluations, untold = (), str(evaluations)
-    # What is slow is told by fast records in means as well.
+    # Means of fast records determine what is slow as well.
     earlier = [
         result.fits.evaluate(in_seconds(evaluated.prepared))
         for evaluated, part in zip(evaluations, parts, strict=False)

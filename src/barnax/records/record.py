@@ -109,7 +109,7 @@ class Record(Brief):
         temperature_degc: Channel | None = None,
     ) -> "Record":
         """A record of a current that nobody measured, which flows from each time to the next."""
-        row, made = np.arange(len(time_s)) + 2, ("given", "made so")
+        row, made = np.arange(len(time_s)) + 2, ("given", "for a simulation")
         sign, hold = Decision("discharge-positive", *made), Decision("forward", *made)
         signals = time_s, current_a, voltage_v, temperature_degc
         return cls(name, *signals, step=None, row=row, sign=sign, hold=hold, sha256="")

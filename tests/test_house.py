@@ -196,6 +196,34 @@ def test_what_the_source_imports_is_declared_and_what_is_declared_is_imported():
     assert needed - {"pydantic-core", "markupsafe", "jaxlib"} == declared
 
 
+def explained_in(docstring: str) -> set[str]:
+    """The names in a docstring's sections on arguments and attributes."""
+    sections = re.findall(r"^(?:Args|Attributes):\n((?:    .*\n?)+)", docstring, re.M)
+    return {name for each in sections for name in re.findall(r"^    (\w+): ", each, re.M)}
+
+
+def parameters_of(node: ast.FunctionDef | ast.ClassDef) -> set[str]:
+    """The arguments of a function; the fields of a class, and what its methods set."""
+    of_self = (each for each in ast.walk(node) if isinstance(each, ast.Attribute | ast.AnnAssign))
+    names = {ast.unparse(getattr(each, "target", each)).removeprefix("self.") for each in of_self}
+    return names | {each.arg for each in ast.walk(node) if isinstance(each, ast.arg)}
+
+
+def test_a_docstring_explains_only_arguments_and_fields_that_exist():
+    unknown, seen = [], 0
+    for path in MODULES:
+        for node in nodes_of(path):
+            if isinstance(node, ast.FunctionDef | ast.ClassDef):
+                explained = explained_in(ast.get_docstring(node) or "")
+                # A run's options are in the signature of its job, which the reference's test reads.
+                if "takes_options" not in "".join(map(ast.unparse, node.decorator_list)):
+                    seen += len(explained)
+                    names = sorted(explained - parameters_of(node))
+                    unknown += [f"{label(path)}: {node.name}: {name}" for name in names]
+    assert seen > 500
+    assert unknown == []
+
+
 def test_no_modules_import_each_other_in_a_circle():
     files = {module_name(path).removesuffix(".__init__"): path for path in MODULES}
 

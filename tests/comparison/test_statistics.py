@@ -6,27 +6,28 @@ from scipy import stats
 from scipy.signal import lfilter
 
 from barnax.comparison.result import (
+    SOC_EDGES,
     block_length,
     compare_over_seeds,
     compare_over_time,
-    errors_by_soc,
     resampled_means,
 )
+from barnax.uncertainty.assessment import soc_bands
 
 
-def test_bands_hold_every_scored_sample_once():
+def test_bands_hold_every_sample_once():
     rng = np.random.default_rng(0)
     soc, error_v = rng.uniform(-0.02, 1.02, 1000), rng.normal(size=1000)
-    scored = rng.random(1000) < 0.8
-    bands = errors_by_soc(error_v, soc, scored)
-    assert [(band.low_soc, band.high_soc) for band in bands] == [(0, 0.1), (0.1, 0.2), (0.2, 1)]
-    assert sum(band.samples for band in bands) == np.count_nonzero(scored)
-    squares = sum(band.samples * band.rmse_v**2 for band in bands if band.rmse_v is not None)
-    assert squares == pytest.approx(np.sum(error_v[scored] ** 2))
+    bands = soc_bands(soc, error_v, SOC_EDGES)
+    assert [(band.low, band.high) for band in bands] == [(0, 0.1), (0.1, 0.2), (0.2, 1)]
+    assert sum(band.samples for band in bands) == 1000
+    squares = sum(band.samples * band.rmse_v**2 for band in bands)
+    assert squares == pytest.approx(np.sum(error_v**2))
+    assert sum(band.share for band in bands) == pytest.approx(1)
 
     soc, error_v = np.array([0.05, 0.1, 0.15, 0.2]), np.array([9.0, -3.0, 1.0, 9.0])
-    middle = errors_by_soc(error_v, soc, np.full(4, True))[1]
-    assert (middle.samples, middle.mean_v, middle.max_v) == (2, -1.0, 3.0)
+    middle = soc_bands(soc, error_v, SOC_EDGES)[1]
+    assert (middle.samples, middle.mean_v) == (2, -1.0)
     assert middle.rmse_v == pytest.approx(np.sqrt(5))
 
 

@@ -10,7 +10,6 @@ from barnax.baselines import Answer, Budget
 from barnax.cell import CellModel
 from barnax.comparison import ComparisonResult, Row
 from barnax.comparison.result import (
-    BandError,
     Difference,
     ModelPart,
     RecordErrors,
@@ -23,6 +22,7 @@ from barnax.notices import Notice
 from barnax.records import Decision
 from barnax.result_parts import InputPart
 from barnax.search.answers import Optimum, RefinedSeed
+from barnax.uncertainty import Band
 
 DRIVE, CITY = "drive.csv", "city.csv"
 PARAMETERS = {
@@ -51,18 +51,8 @@ def bundled_cell() -> CellModel:
 
 def make_errors(record: str, rmse_v: float, low_samples: int = 100) -> RecordErrors:
     """A hundred samples below 10 % SOC with twice the error, nine hundred above 20 %."""
-    low = BandError(
-        low_soc=0.0,
-        high_soc=0.1,
-        samples=low_samples,
-        rmse_v=2 * rmse_v if low_samples else None,
-        mean_v=-rmse_v if low_samples else None,
-        max_v=4 * rmse_v if low_samples else None,
-    )
-    empty = BandError(0.1, 0.2, 0)
-    high = BandError(
-        low_soc=0.2, high_soc=1.0, samples=900, rmse_v=rmse_v, mean_v=0.001, max_v=0.05
-    )
+    low = Band(0.0, 0.1, low_samples, 2 * rmse_v, -rmse_v, 0.3)
+    high = Band(0.2, 1.0, 900, rmse_v, 0.001, 0.7)
     return RecordErrors(
         metrics=Metrics(
             record=record,
@@ -74,7 +64,7 @@ def make_errors(record: str, rmse_v: float, low_samples: int = 100) -> RecordErr
             max_v=0.16,
             samples=900 + low_samples,
         ),
-        bands=(low, empty, high),
+        bands=(low, high) if low_samples else (high,),
     )
 
 

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 import barnax
+from barnax.over_soc.node_interval import NodeInterval
+from barnax.reporting.wording import table
 from barnax.uncertainty import Estimate, Uncertainty
 from helpers.results import make_result, make_table_result, with_constant, with_fit
 
@@ -137,3 +139,34 @@ def test_a_mean_over_most_of_its_soc_has_an_interval_about_as_narrow():
     value, low, high = map(float, shown.groups())
     assert 0.95 * value < low < 0.985 * value
     assert 1.015 * value < high < 1.05 * value
+
+
+def test_a_mean_that_is_known_from_one_side_stays_so_over_part_of_its_soc():
+    one = make_table_result()
+    means = tuple(replace(mean, low=None, high=2 * mean.value) for mean in one.fit.means)
+    nodes = tuple(each.opened() for each in one.fit.intervals)
+    one = with_fit(one, means=means, intervals=nodes)
+    other = visiting(make_table_result(), lambda node: node >= 0.2)
+    lines = repr(barnax.show(one, other)).split("\n")
+    assert "(at most " in next(line for line in lines if "mean R0    20-100 %" in line)
+
+
+def test_a_parameter_at_its_lower_bound_has_its_upper_limit_in_the_table():
+    made = with_intervals(0.05, 0.002)
+    assessment = made.constant.assessment
+    at_bound = Estimate("R1 [Ohm]", 1e-4, held="at lower bound", high=0.021)
+    estimates = (*assessment.uncertainty.estimates[:1], at_bound)
+    uncertainty = replace(assessment.uncertainty, estimates=estimates)
+    made = with_constant(made, assessment=replace(assessment, uncertainty=uncertainty))
+    rows = {row[0]: row[2] for row in table("result.parameters", made.constant).rows}
+    assert rows == {"R0 [mOhm]": "48 to 52", "R1 [mOhm]": "at most 21"}
+
+
+def test_between_nodes_of_which_one_has_an_upper_limit_alone_there_is_one():
+    first = NodeInterval("R1 [Ohm]", 0.2, 0.0, 0.0, 0.0, None, 0.01)
+    last = NodeInterval("R1 [Ohm]", 0.4, 0.02, 1e-3, 0.0, 0.018, 0.022)
+    line = first.between(last, 0.3)
+    assert (line.value, line.high) == (pytest.approx(0.01), pytest.approx(0.016))
+    assert line.low is None
+    opened = first.opened().between(last, 0.3)
+    assert (opened.low, opened.high) == (None, None)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from pydantic import model_validator
 from scipy import stats
 
@@ -20,6 +20,7 @@ from ..result_parts import Candidate, InputPart
 from ..schema import Document, NoticeField, Parameters, Part, Unstored
 from ..search.answers import SAME_RMSE, AtBound, RefinedSeed
 from ..search.evaluate import Evaluation
+from ..uncertainty.assessment import Band, soc_bands
 
 REPLICATES = 1000
 # Rows of drawn blocks held at a time, in blocks.
@@ -89,24 +90,8 @@ def _autocovariance(series: Float[np.ndarray, "samples"], lags: int) -> np.ndarr
 
 Samples = Float[np.ndarray, "samples"]
 
-# Bands of SOC: the paper's own errors sit below 0.2.
-BANDS = ((0.0, 0.1), (0.1, 0.2), (0.2, 1.0))
-
-
-@dataclass(frozen=True)
-class BandError:
-    """Errors of one simulation at the scored samples whose SOC lies in [low_soc, high_soc).
-
-    The lowest band holds what is below it too, the highest what is above. The errors are None
-    where the band holds no sample; `mean_v` is measured minus simulated voltage.
-    """
-
-    low_soc: float
-    high_soc: float
-    samples: int
-    rmse_v: float | None = None
-    mean_v: float | None = None
-    max_v: float | None = None
+# Edges of bands of SOC: the paper's own errors sit below 0.2.
+SOC_EDGES = np.array([0.0, 0.1, 0.2, 1.0])
 
 
 @dataclass(frozen=True)
@@ -143,26 +128,6 @@ class SeedPairs:
     wins: int
     losses: int
     p_value: float
-
-
-def errors_by_soc(
-    error_v: Samples, soc: Samples, scored: Bool[np.ndarray, "samples"]
-) -> tuple[BandError, ...]:
-    """The errors of one simulation in every band of `BANDS`.
-
-    >>> errors_by_soc(np.array([0.3, 0.1]), np.array([-0.01, 0.5]), np.full(2, True))[0].samples
-    1
-    """
-    errors = []
-    for low, high in BANDS:
-        above = -np.inf if low == BANDS[0][0] else low
-        below = np.inf if high == BANDS[-1][1] else high
-        inside = error_v[scored & (soc >= above) & (soc < below)]
-        figures = ()
-        if len(inside):
-            figures = np.sqrt(np.mean(inside**2)), np.mean(inside), np.max(np.abs(inside))
-        errors.append(BandError(low, high, len(inside), *map(float, figures)))
-    return tuple(errors)
 
 
 def compare_over_time(first_error_v: Samples, second_error_v: Samples, seed: int = 0) -> Resampled:
@@ -228,17 +193,17 @@ def _differ(
 
 @dataclass(frozen=True)
 class RecordErrors:
-    """Errors of a row's own answer on one record, in all and by SOC."""
+    """Errors of a row's answer on one record, in all and by SOC."""
 
     metrics: Metrics
-    bands: tuple[BandError, ...]
+    bands: tuple[Band, ...]
 
     @classmethod
     def of(cls, evaluation: Evaluation) -> Self:
         """The errors of an evaluation."""
-        prepared = evaluation.prepared
-        bands = errors_by_soc(evaluation.error_v, prepared.soc, prepared.scored)
-        return cls(evaluation.metrics, bands)
+        scored = evaluation.prepared.scored
+        soc, error_v = evaluation.prepared.soc[scored], evaluation.error_v[scored]
+        return cls(evaluation.metrics, soc_bands(soc, error_v, SOC_EDGES))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -347,7 +312,7 @@ class ComparisonResult(Document):
         versions: Versions of barnax and of what it computes with.
     """
 
-    schema_version: Literal[7] = 7
+    schema_version: Literal[8] = 8
     rows: tuple[Row, ...]
     differences: tuple[Difference, ...]
     candidates: tuple[Candidate, ...] = ()

@@ -42,7 +42,7 @@ class FittedOcv(Brief):
         cell: The cell, with the branches of a hysteresis that was found. Over temperature, one for
             each.
         windows: The windows of the records, each with its start on the axis.
-        found: The tables over SOC, and the OCV among their intervals.
+        fits: The tables over SOC, and the OCV among their intervals.
         circuit: Name of the circuit that they are of.
         warnings: What speaks against the starts.
         directions: Of the records whose direction before the start was found by the fit, the RMSE

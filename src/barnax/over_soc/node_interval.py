@@ -62,7 +62,7 @@ class NodeInterval:
 
     def between(self, other: "NodeInterval", soc: float) -> "NodeInterval":
         """What lies on the line to another node: no wider, for what the two leave open is not all
-        in common. Not determined where one of them is not."""
+        in common. An end is open where one of theirs is."""
         first, last = self.soc or 0.0, other.soc or 0.0
         share = (soc - first) / (last - first)
         pairs = {
@@ -74,7 +74,7 @@ class NodeInterval:
             for name, pair in pairs.items()
         }
         line = replace(self, soc=soc, **lines)
-        return line.opened() if line.low is None or line.high is None else line
+        return line.opened() if line.low is None and line.high is None else line
 
     def moved(self, by: float) -> "NodeInterval":
         """The same with value and interval counted from elsewhere."""

@@ -140,19 +140,21 @@ def _mean_over(fit: "TableFit", mean: Fact, within: tuple[float, float] | None) 
     length, whole = np.ptp(within), np.ptp(fit.mean_soc)
     part = _integral(fit, mean.name, within)
     rest = _integral(fit, mean.name, fit.mean_soc) - part
-    given = np.array([mean.low, mean.high], float)
+    given = np.array([mean.low or 0.0, mean.high], float)
     of_nodes, of_mean = part[1:] / length, (whole * given - rest[:0:-1]) / length
-    ends = of_nodes if np.isnan(of_mean).any() or np.ptp(of_nodes) < np.ptp(of_mean) else of_mean
-    value, low, high = _ends([part[0] / length, *ends])
-    return replace(mean, value=value, low=low, high=high)
+    ends = of_mean if np.ptp(of_mean) <= np.ptp(of_nodes) else of_nodes
+    value, low, high = _ends([part[0] / length, *np.where(np.isnan(ends), of_mean, ends)])
+    return replace(mean, value=value, low=low or None, high=high)
 
 
 def _integral(fit: "TableFit", mean: str, within: tuple[float, float]) -> np.ndarray:
-    """Integrals over SOC of what a mean is of: of its values, and of both ends of its nodes."""
+    """Integrals over SOC of what a mean is of: of its values, and of both ends of its nodes, of
+    which none is below zero."""
     total = np.zeros(3)
     for name in parts_of(mean):
-        soc, rows = _lines(fit, name)
+        soc, (values, low, high) = _lines(fit, name)
         at = np.array([within[0], *(one for one in soc if within[0] < one < within[1]), within[1]])
+        rows = values, np.nan_to_num(low), high
         total += np.trapezoid([np.interp(at, soc, row) for row in rows], at)
     return total
 

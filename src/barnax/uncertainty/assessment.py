@@ -88,11 +88,15 @@ def diagnostics(problem: "Problem", covariance: Covariance) -> Diagnostics:
     )
 
 
-def soc_bands(soc: np.ndarray, error_v: np.ndarray) -> tuple[Band, ...]:
-    """The errors in each tenth of the state of charge."""
-    edges = SOC_EDGES.copy()
-    edges[[0, -1]] = -np.inf, np.inf  # measured SOC may leave 0 to 1 a little
-    return _bands(soc, error_v, edges, SOC_EDGES.tolist())
+def soc_bands(
+    soc: Float[np.ndarray, "samples"],
+    error_v: Float[np.ndarray, "samples"],
+    edges: Float[np.ndarray, "edges"] = SOC_EDGES,
+) -> tuple[Band, ...]:
+    """The errors in each band of the state of charge, by default each tenth. The lowest band holds
+    what is below it too, the highest what is above."""
+    inner = edges[1:-1]
+    return _bands(soc, error_v, np.array([-np.inf, *inner, np.inf]), edges.tolist())
 
 
 def _current_bands(rate: np.ndarray, error_v: np.ndarray, rest_c: float) -> tuple[Band, ...]:

@@ -47,8 +47,8 @@ def naming(subject: str, spelled: Callable[[str], str] = str) -> Iterator[None]:
 
 
 def attempt(make: Callable[..., Value], *given: Any, **options: Any) -> Value | InputError:
-    """What a function makes of its arguments, or why it refuses them, as a value: for rules that
-    ask whether something can serve, and have another candidate where it cannot.
+    """The value of a function, or its refusal as a value: for rules that ask whether something can
+    serve and have another candidate where it cannot.
 
     >>> attempt(require_choice, "chemistry", "nca", ("nmc", "lfp"))
     InputError("`chemistry` 'nca' is not known; there are nmc, lfp")

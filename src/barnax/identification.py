@@ -121,8 +121,8 @@ def make_result(
     hold_shift_ohm: float | None = None,
     **more: Any,
 ) -> Result:
-    """What was found of a problem as a `Result`, which can be stored; further names are fields of
-    it, such as its candidates and warnings.
+    """A `Result`, which can be stored, of a searched problem; further names are fields of it, such
+    as its candidates and warnings.
 
     Args:
         problem: The problem that was searched.

@@ -64,7 +64,7 @@ class InputFile:
         return cls(role, read(source, **reading.of_record(source.name, role)), source)
 
     def logged_by(self, loggers: Mapping[tuple[str, ...], Logger]) -> Self:
-        """The same with its logger."""
+        """A copy with its logger."""
         source = self.source and self.source.logged_by(loggers)
         return replace(self, content=sampled(self.content, loggers), source=source)
 

@@ -142,7 +142,7 @@ class Job(TableOptions, CellSettings, Reading, Scope, Settings):
         return kind(**{one.name: getattr(self, one.name) for one in fields(kind)})  # pyrefly: ignore
 
     def changed(self, **options: Any) -> Self:
-        """The same with other options; what stays a default is still one."""
+        """A copy with other options; a default stays one."""
         return type(self)(**{**self.chosen, **options})
 
     @classmethod

@@ -82,7 +82,7 @@ def identify(job: Job) -> Result:
 
 
 def _identified(job: Job, of_plan: Sequence[Notice] = ()) -> Result:
-    """The same, where every file has its role."""
+    """The result of a job in which every file has its role."""
     optimizer = make_optimizer(job.method, job.population, job.iterations)
     inputs = read_inputs(job, fit_ocv)
     of_ocv = () if inputs.fitted_ocv is None else inputs.fitted_ocv.warnings
@@ -127,8 +127,8 @@ def with_ocv_test(job: Job, inputs: Inputs) -> tuple[Inputs, dict[str, Window], 
 def _with_fitted_ocv(
     job: Job, inputs: Inputs, is_last: bool = False
 ) -> tuple[Inputs, dict[str, Window], Problem]:
-    """The same of records whose OCV was fitted with their tables: once more where it was fitted
-    with another sampling of the current than their voltages show."""
+    """The inputs, windows and constant problem of records whose OCV was fitted with their tables:
+    once more where it was fitted with another sampling of the current than their voltages show."""
     given = {**windows_by_name(job.window), **inputs.fitted_ocv.windows}
     windows = windows_of(inputs, given, job.capacity)
     circuit = first_circuit(inputs, job)

@@ -56,7 +56,7 @@ class StoredInputs:
 
     @classmethod
     def of(cls, path: Path, data: Data = (), reading: Reading | None = None) -> "StoredInputs":
-        """Those of the result at `path`; folders are those of `data`, its own, the one above that,
+        """The inputs of the result at `path`, looked for in `data`, its own folder, the one above
         and the working folder."""
         folder = path if path.is_dir() else path.parent
         given = data if isinstance(data, Mapping) else {}

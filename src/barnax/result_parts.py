@@ -203,7 +203,7 @@ class InputPart(Part):
 
     @property
     def start_source(self) -> str:
-        """What told the SOC at its start, before it was registered; empty of an OCV test."""
+        """The source of the SOC at its start, before it was registered; empty of an OCV test."""
         if self.window and (registration := self.window.registration):
             return registration.origin.given_source
         return self.start.soc_source if self.start else ""

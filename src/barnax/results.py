@@ -262,7 +262,7 @@ class Result(Document):
 
     @property
     def circuit_parameters(self) -> CircuitParameters:
-        """The same as the circuit that they are of."""
+        """The parameters as a circuit."""
         return self.fit.tables
 
     @property
@@ -277,12 +277,14 @@ class Result(Document):
 
     @property
     def fit(self) -> TableFit:
-        """The same at the temperature nearest to 25 degC, or the only one: intervals and proof."""
+        """The fit at the temperature nearest to 25 degC, or the only one: intervals and proof."""
         return self.fits.reference
 
     @property
     def over(self) -> Literal["ocv", "soc", "soc,temperature"] | None:
-        """What the tables are over, of "ocv" the OCV alone; None of a constant circuit."""
+        """The coordinates of the tables, "ocv" where the OCV alone is one; None of a constant
+        circuit.
+        """
         return self.fits.over
 
     @property
@@ -291,12 +293,12 @@ class Result(Document):
         return table_name(self.model, self.over)
 
     def without_tables(self) -> Self:
-        """The same with its constant circuit as the answer."""
+        """A copy with its constant circuit as the answer."""
         constant = {"tables": None, "model": self.constant.model, "metrics": self.constant.metrics}
         return self.model_copy(update=constant)
 
     def at_temperature(self, temperature_degc: float) -> Self:
-        """The same with the tables over SOC, the OCV and the capacity of one temperature alone."""
+        """A copy with the tables over SOC, the OCV and the capacity of one temperature alone."""
         # The capacity is the cell's now, and no record's.
         alone: dict[str, Any] = {
             "cell": self.cell_at(temperature_degc),

@@ -129,7 +129,7 @@ def problem_of(
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """What is searched in a run.
+    """The problem, records and fit of a run.
 
     Attributes:
         problem: The constant circuit that the population searches: the answer, or beside it.
@@ -158,8 +158,8 @@ def asks_for_constant(job: Job) -> bool:
 
 
 def set_up(first: Problem, inputs: Inputs, windows: Mapping[str, Window], job: Job) -> Setup:
-    """What is searched: without an OCV test the tables came with the cell's OCV; over temperature,
-    and with a constant circuit that is asked for, there is nothing to choose."""
+    """Set up a run: without an OCV test the tables came with the cell's OCV; over temperature, and
+    with a constant circuit that is asked for, there is nothing to choose."""
     # A table has no capacitance to bound or hold.
     tables = bounded_tables(job, but="[F]" if job.over is None else None)
     inputs, fitted = replace(inputs, cell=first.cell), inputs.fitted_ocv

@@ -301,7 +301,9 @@ class Registration:
 
     @property
     def origin(self) -> "Registration":
-        """That of what was told at first, where a record was registered by itself before."""
+        """The registration by the OCV test, where a record had one before others moved it; else
+        itself.
+        """
         earlier = self.given.registration
         return self if earlier is None else earlier.origin
 
@@ -345,7 +347,7 @@ class Window:
 
     @property
     def unregistered(self) -> "Window":
-        """The same with start and capacity as they were told, before any registration."""
+        """A copy with start and capacity as they were given, before any registration."""
         return self if self.registration is None else self.registration.origin.given
 
     def __post_init__(self):

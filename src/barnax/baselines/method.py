@@ -21,7 +21,7 @@ class MethodFailure(Exception):
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What one run of a method found, by itself: nothing has refined it.
+    """One run's answer as the method gives it, without refinement.
 
     `evaluations` counts simulations of one candidate, a Jacobian as one per free parameter.
     """
@@ -94,7 +94,7 @@ def deterministic(name: str, source: str, identify: Callable[[Problem], Answer])
 
 
 def generator_of(key: int, seed: int) -> np.random.Generator:
-    """What one seed draws from; other keys and seeds are independent of it."""
+    """The random generator of one seed, independent of those of other keys and seeds."""
     return np.random.default_rng([key, seed])
 
 

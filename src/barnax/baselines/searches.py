@@ -106,8 +106,7 @@ LM = Method(
 
 
 def swarm_then_descent(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:
-    """What Levenberg-Marquardt makes of a particle swarm's best (Shen and Li, Energies 10 (2017)
-    432).
+    """Levenberg-Marquardt from a particle swarm's best (Shen and Li, Energies 10 (2017) 432).
 
     The swarm has the budget less what one descent of at most 50 steps could cost. Their circuit
     is another; the two scales are theirs.

@@ -143,7 +143,7 @@ class Prior:
 
     @cached_property
     def objective(self) -> TableObjective:
-        """That of the tables that will be fitted, without samples. Bounds do not count."""
+        """The objective of the tables that will be fitted, without samples, and without bounds."""
         settings = replace(
             self.settings,
             ocv_correction=True,

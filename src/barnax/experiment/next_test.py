@@ -323,8 +323,8 @@ def _are_enough(name: str, halves: Iterable[float], wanted: float) -> bool:
 def _already(
     prior: Prior, before: Halves, wanted: Mapping[str, float], wanted_soc: Span
 ) -> tuple[str, ...]:
-    """What the earlier records tell as well as is wanted wherever it is wanted, as a design counts
-    them and by the standard errors of their own fit."""
+    """The names that the earlier records determine as well as is asked, wherever that is asked: as
+    a design counts them, and by the standard errors of their own fit."""
     counted = ((name, max(half, prior.half_widths.get(name, 0.0))) for name, half in before)
     halves = inside(counted, wanted_soc)
     nodes = inside(((name, 0.0) for name in (*prior.names, (DRIVE, None))), wanted_soc)

@@ -114,8 +114,8 @@ def prior_of(
 
 
 def _going_on(prior: Prior, chemistry: str) -> Prior:
-    """The same cell whose OCV goes on as a chemistry's beyond where it is told: joined to it, and
-    the chemistry's own where the cell is full and empty.
+    """A copy whose OCV is continued beyond its range by a chemistry's: joined to it, and the
+    chemistry's where the cell is full and empty.
 
     Raises `InputError` where nothing shows what is full, and where both are far from each other.
     """
@@ -257,8 +257,7 @@ def _ocv_range(cell: CellModel) -> tuple[float, float]:
 
 
 def _started_by_voltage(prior: Prior) -> Prior:
-    """The same where full is no more than the fullest point of a record: what brings a cell there
-    is its OCV.
+    """A copy in which full is the fullest point of a record: the OCV says what brings a cell there.
 
     Raises `InputError` where that is too flat.
     """
@@ -299,7 +298,9 @@ def prior_of_fit(fit: TableFit, settings: TableSettings, cell: CellModel, rmse_v
 
 
 def counting(prior: Prior, earlier: Sequence[Evaluation]) -> Prior:
-    """The same with records that are identified with the test's, and the error that they show."""
+    """A copy that counts the records to be identified with the test's, and the error that they
+    show.
+    """
     if not earlier:
         return prior
     records = [evaluated.prepared for evaluated in earlier]

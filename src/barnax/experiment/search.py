@@ -133,7 +133,7 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class SearchSetup:
-    """All that a search chooses from, and what it is to reach.
+    """The patterns, limits and targets of a search.
 
     `wished` are half the 95 % intervals wanted of unknowns, by their place: relative, in V of an
     OCV. With `drive`, the mean product of columns on a drive cycle, the RMSE there is to be
@@ -352,7 +352,7 @@ def _starts_of(choice: SearchSetup, move_c: float = MOVE_C) -> list[Pattern]:
 
 
 def _least_hours(choice: SearchSetup, patterns: Sequence[Pattern]) -> float:
-    """How long the shortest of these tests takes without rests between its pieces."""
+    """The duration of the shortest of these tests without rests between its pieces."""
     taken_s = (
         sum(step.duration_s for step in steps if step.block != "rest") + SETTLE_S
         for pattern in patterns

@@ -45,7 +45,7 @@ def is_within(soc: float | None, wanted_soc: Span) -> bool:
 
 
 def inside(values: Iterable[tuple[Name, Value]], wanted_soc: Span) -> dict[str, list[Value]]:
-    """What is of nodes where it is wanted, and of the error on a drive cycle, by table."""
+    """The values at nodes where they are asked for, and of the error on a drive cycle, by table."""
     by_name = defaultdict[str, list[Value]](list)
     for (name, soc), value in values:
         if short(name) == DRIVE or is_within(soc, wanted_soc):
@@ -75,7 +75,7 @@ def halves_of(interval: NodeInterval) -> tuple[float, float] | None:
 
 
 def followed(dependence: Dependence | None) -> tuple[str, ...]:
-    """What resistances follow beside SOC, in words."""
+    """The quantities beside SOC on which resistances depend, in words."""
     words = {ONSET: "the current", CHARGE: "its direction", KAPPA: "the cell's own heat"}
     words |= {BETA: "the temperature"}
     numbers = {} if dependence is None else dependence.numbers
@@ -108,7 +108,7 @@ class Predicted(Part):
     def of(
         cls, steps: Sequence[Step], warming_k: float, **by_second: Float[np.ndarray, "seconds"]
     ) -> "Predicted":
-        """What is drawn of a test whose current, voltages and SOC are known by the second."""
+        """The traces of a test whose current, voltages and SOC are given by the second."""
         ends = np.cumsum([round(step.duration_s / INTERVAL_S) for step in steps])
         starts = np.append(0, ends[:-1])
         voltages_v = np.stack([by_second[name] for name in ("voltage_v", "low_v", "high_v")])
@@ -123,7 +123,7 @@ class Predicted(Part):
 
     @classmethod
     def none(cls) -> "Predicted":
-        """That of no test."""
+        """The traces of no test."""
         signals = [name for name in cls.model_fields if name != "warming_k"]
         return cls(warming_k=0.0, **dict.fromkeys(signals, np.empty(0)))
 

@@ -148,8 +148,8 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
 def _caveats(
     result: Result, circuit: Circuit, cell: CellModel, over_soc: Sequence[CircuitParameters]
 ) -> tuple[str, ...]:
-    """What a tool does not know of the capacity, the OCV, elements, and constants at a bound; the
-    nodes that mean nothing by themselves, and temperatures that were not measured."""
+    """Notes on what a tool does not learn about the capacity, the OCV, elements and constants at a
+    bound; on nodes that are extrapolated, and on temperatures that were not measured."""
     ladders, pairs = [], 0
     for element, names in zip(circuit.elements, names_of(circuit.elements), strict=True):
         count = len(get_element(element).shares)
@@ -234,8 +234,8 @@ def _bends(cell: CellModel) -> Values:
 
 
 def _from_empty_to_full(tables: CircuitParameters) -> CircuitParameters:
-    """The same circuit with nodes that reach SOC 0 and 1: a tool may go on straight beyond the
-    ends, or take no table of a single node."""
+    """A copy with nodes from SOC 0 to 1: a tool may extrapolate beyond the ends, or refuse a table
+    of a single node."""
     first, last = tables.nodes[0] > 0, tables.nodes[-1] < 1
 
     def held(table: tuple) -> tuple:

@@ -171,7 +171,7 @@ class FilterModel(eqx.Module):
         return jnp.exp(slow[self.slow.index(name)]) if name in self.slow else 1.0
 
     def factors(self, letter: str, slow: Slow) -> Float[Array, "pairs"]:
-        """The same of every pair's "R" or "tau"."""
+        """The factors of every pair's "R" or "tau"."""
         return jnp.stack(
             [jnp.asarray(self.factor(f"{letter}{pair + 1}", slow)) for pair in range(self.pairs)]
         )

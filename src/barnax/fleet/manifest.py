@@ -188,7 +188,7 @@ def read_manifest(
 
 
 def _unconfined(cell: FleetCell, allowed: list[str], where: str) -> Iterator[str]:
-    """What a cell reads at addresses that are not allowed: a manifest of somebody else could ask
+    """Faults for addresses of a cell that are not allowed: another person's manifest could ask
     servers that only this machine reaches."""
     roots = tuple(address.rstrip("/") + "/" for address in allowed)
     for address in filter(is_address, cell.files):
@@ -365,7 +365,9 @@ def _files_of(
 def _stored(
     pattern: str, folder: Any, missing: list[str], faults: list[str], where: str
 ) -> Iterator[str]:
-    """The same beside a manifest in a store; whether a single one is there, its reader finds."""
+    """Files of a pattern beside a manifest in a store; whether a single file exists is left to its
+    reader.
+    """
     if pattern.startswith(("/", "~")) or ".." in re.split(r"[/\\]", pattern):
         faults.append(
             f"{where} {cut(pattern, LONGEST_NAME)!r}: a manifest in a store names what is below "

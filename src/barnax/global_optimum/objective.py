@@ -213,7 +213,7 @@ class ConstantObjective(LinearObjective):
         return remainders(self.prepared_records, self.axes, (0.5,))
 
     def fixing(self, name: str, value: float) -> "ConstantObjective":
-        """The same with one value of a resistance, a time constant, a capacitance or gamma."""
+        """A copy with one resistance, time constant, capacitance or gamma held at a value."""
         end, bounds = math.log(value), self.bounds
         axes = tuple(
             replace(axis, low=end, high=end) if axis.name == name else axis for axis in self.axes

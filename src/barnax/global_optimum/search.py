@@ -94,7 +94,7 @@ class GlobalOptimum(WithOptima):
         return max(0.0, -optimality_gap(self.lower_bound_v, self.rmse_v))
 
     def beside(self, refinement: Refinement) -> "GlobalOptimum":
-        """The same with how far the seeds stayed from it, and the local optima that they found."""
+        """A copy with the gaps of the seeds, and with the local optima that they reached."""
         gaps = [optimality_gap(seed.rmse_v, self.rmse_v) for seed in refinement.search.seeds]
         optima = list(self.optima)
         for minimum in refinement.optima:

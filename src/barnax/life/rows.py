@@ -201,8 +201,8 @@ def ageing_row(
 
 
 def _doubts(ageing: Mapping[str, Aged], used: PreparedRecord) -> Iterator[Notice]:
-    """That values have not settled, and that a record shows another capacity than that of its
-    circuit, by more than is of account."""
+    """Notices that values have not settled, and that a record shows a capacity which differs from
+    its circuit's by more than is negligible."""
     if not all(value.is_settled for value in ageing.values()):
         yield Notice("ageing.not-settled", subject=used.record.name)
     capacity = ageing.get(CAPACITY)

@@ -125,7 +125,7 @@ class Fit:
         return line + its.bend**2 * wiener(one, other)
 
     def _covariance_of(self, cell: int, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-        """The same of one cell, with the shape that it alone has."""
+        """The covariance for one cell, with the shape that it alone has."""
         covariance = self.cell_covariance(one, other)
         if (shape := dict(self.added).get(cell)) is not None:
             here = np.multiply.outer(shape.at(one), shape.at(other))

@@ -141,7 +141,7 @@ class Lagrange(eqx.Module):
         return cls(*map(as_input, (span.center, span.half_width, *span[2:5])))
 
     def padded_to_multiple(self, step: int) -> "Lagrange":
-        """The same with a multiple of `step` nodes: those added lie outside and weigh nothing."""
+        """A copy with a multiple of `step` nodes: those added lie outside and have no weight."""
         added = 0, -len(self.nodes) % step
         nodes = as_input(np.pad(self.nodes, added, constant_values=2.0))
         weights, slope = (as_input(np.pad(each, added)) for each in (self.weights, self.slope))
@@ -209,7 +209,7 @@ class Compressed(AbstractEvaluator):
         return jnp.sum(errors_v * errors_v)
 
     def padded_to_multiple(self, step: int) -> "Compressed":
-        """The same with rows and nodes filled up to a multiple of `step` by ones without effect."""
+        """A copy with rows and nodes padded to a multiple of `step` without effect."""
         spans = [self.in_tau] if self.in_rate is None else [self.in_tau, self.in_rate]
         ends = np.cumsum([len(span.nodes) for span in spans])
         *answers, others = np.split(np.asarray(self.factor), ends, axis=1)

@@ -66,7 +66,9 @@ def append_rows(factor: Triangle, rows: Rows) -> Triangle:
 def shorten(
     factor: Float[np.ndarray, "rows columns"], negligible: float
 ) -> Float[np.ndarray, "fewer columns"]:
-    """The same lengths of all combinations of columns with fewer rows, up to `negligible`."""
+    """A factor with fewer rows that gives the same length to every combination of columns, up to
+    `negligible`.
+    """
     if not np.any(factor):
         return np.zeros((ROW_STEP, factor.shape[1]))
     columns, rows = np.any(factor, axis=0), np.any(factor, axis=1)
@@ -93,13 +95,13 @@ def spans_between(ends: Iterable[Range]) -> tuple[Span, Span | None]:
 
 
 def span_ends(taus_s: Range, gammas: Range | None, interval_s: float) -> list[Range]:
-    """What spans go over, as far as an interval can tell a pair from a faster one."""
+    """The ranges of spans, from the fastest pair that an interval can resolve on."""
     in_tau = max(taus_s[0], interval_s / AT_ONCE), taus_s[1]
     return [in_tau] if gammas is None else [in_tau, (1 / gammas[1], 1 / gammas[0])]
 
 
 def ends_of(records: Sequence[PreparedRecord], taus_s: Range, gammas: Range | None) -> list[Range]:
-    """The same as far as the densest samples of some records can tell."""
+    """The ranges of spans that the densest samples of some records can resolve."""
     interval_s = min(float(np.min(np.diff(prepared.time_s))) for prepared in records)
     return span_ends(taus_s, gammas, interval_s)
 

@@ -78,17 +78,16 @@ class PreparedRecord(Brief):
 
     @property
     def unregistered(self) -> "PreparedRecord":
-        """The same with start and capacity as they were before other records, or else its OCV test,
-        moved them."""
+        """A copy with start and capacity as they were before other records, or its OCV test, moved
+        them."""
         registration = self.window.registration
         if registration is None:
             return self
         return self.in_window(registration.given).following(self.dependence)
 
     def in_window(self, window: Window, record: Record | None = None) -> "PreparedRecord":
-        """The same prepared anew in another window, or another record in place of its own, from the
-        direction that was found to fit better; nothing is followed. Raises `InputError` as
-        `prepare_record` does."""
+        """A copy prepared anew in another window, or of another record, from the direction that
+        fits better and without a resistance law. Raises `InputError` as `prepare_record` does."""
         window = replace(self, window=window).settled_window
         moved = prepare_record(record or self.record, self.cell, self.circuit, window)
         other_v = self.start.other_rmse_v
@@ -101,7 +100,7 @@ class PreparedRecord(Brief):
         registration: Registration | None = None,
         record: Record | None = None,
     ) -> "PreparedRecord | None":
-        """The same with another start and capacity; None where the record cannot have these."""
+        """A copy with another start and capacity; None where the record cannot have these."""
         window = replace(
             self.window,
             initial_soc=soc,
@@ -113,7 +112,7 @@ class PreparedRecord(Brief):
         return None if isinstance(moved, InputError) else moved
 
     def following(self, dependence: Dependence | None) -> "PreparedRecord":
-        """The same with resistances that follow more than SOC so; None for not."""
+        """A copy whose resistances have this law beside SOC; None for no law."""
         if dependence == self.dependence:
             return self
         factor = None
@@ -124,7 +123,7 @@ class PreparedRecord(Brief):
         return replace(self, dependence=dependence, resistance_factor=factor)
 
     def fitting_better(self, other_rmse_v: float) -> "PreparedRecord":
-        """The same, said to come from the direction that fits better than the other does."""
+        """A copy that records that its direction fits better than the other does."""
         start = replace(self.start, direction_source="better fit", other_rmse_v=other_rmse_v)
         return replace(self, start=start)
 
@@ -313,7 +312,9 @@ class PreparedRecord(Brief):
 
     @property
     def _turning(self) -> tuple[Float[np.ndarray, "simulated"], Float[np.ndarray, "simulated"]]:
-        """Where a dynamic hysteresis goes from its start, and how much SOC passes meanwhile."""
+        """The limit that a dynamic hysteresis approaches after every sample, relative to its start,
+        and the SOC that passes meanwhile.
+        """
         # Below the rest current a cell keeps its direction: noise and offsets turn nothing.
         is_moving = (np.abs(self.held_a) >= self.rest_current_a) & (self.held_a != 0)
         passed = np.where(is_moving, np.abs(np.diff(self.soc, append=self.soc[-1])), 0.0)

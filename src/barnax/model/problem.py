@@ -166,7 +166,7 @@ class Problem(Brief):
     @cached_property
     @in_float64
     def compressed(self) -> Compressed:
-        """The same objective from a small factor. Raises `InputError` where the box is too wide."""
+        """The objective in compressed form. Raises `InputError` where the box is too wide."""
         return compress(self.prepared_records, self.coordinates)
 
     @cached_property

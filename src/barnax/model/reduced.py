@@ -71,7 +71,7 @@ class Reduced:
         return block.reshape(len(block), *indices.shape)
 
     def side(self, number: int) -> "Reduced":
-        """The same of one of several voltages: what is left of its base error is one row."""
+        """The factor of one of several voltages: what is left of its base error is one row."""
         indices = self.layout.columns["base"][:, 0]
         columns = np.delete(np.arange(self.layout.width), np.delete(indices, number))
         above, below = np.split(self.factor[:, columns], [indices[0]])
@@ -81,7 +81,7 @@ class Reduced:
         return Reduced(layout, self.scored, np.concatenate([above, last]))
 
     def coarser(self, nodes: Sequence[float] = ANYWHERE, has_ocv: bool = False) -> "Reduced":
-        """The same for a circuit whose resistances have some of these nodes, or one value at every
+        """The factor of a circuit whose resistances have some of these nodes, or one value at every
         SOC: coarser hats are sums of finer ones. The OCV keeps its table, or has none."""
         layout = replace(self.layout, nodes=tuple(nodes), has_correction=has_ocv)
         if (layout.nodes, has_ocv) == (self.layout.nodes, self.layout.has_correction):

@@ -36,7 +36,7 @@ def errors_along(
 def error_blocks(
     prepared: PreparedRecord, parameters: CircuitParameters
 ) -> Iterator[tuple[slice, Float[np.ndarray, "samples"]]]:
-    """The same block after block. Call inside float64."""
+    """The errors of a circuit on a record, block after block. Call inside float64."""
     for here, errors_v in error_blocks_of([prepared], [parameters]):
         yield here, errors_v[0]
 
@@ -44,7 +44,7 @@ def error_blocks(
 def error_blocks_of(
     alike: Sequence[PreparedRecord], parameters: Sequence[CircuitParameters]
 ) -> Iterator[tuple[slice, Float[np.ndarray, "circuits samples"]]]:
-    """The same of several circuits that differ in their tables alone, each on the one record with
+    """The errors of several circuits that differ in their tables alone, each on the one record with
     an OCV of its own, at once."""
     from .intervals import sized
 

@@ -46,7 +46,7 @@ def resampled_share(prepared: PreparedRecord) -> float | None:
 
 @dataclass(frozen=True)
 class Resampling:
-    """What the other sampling of the current, where one is only assumed, makes of a circuit.
+    """The change of a circuit under the other sampling of the current, where one is only assumed.
 
     Attributes:
         r0_ohm: By how much R0 would be more.

@@ -294,7 +294,7 @@ class GivenRanges(NamedTuple):
 
     @classmethod
     def of(cls, bounds: Mapping[str, Range] | str | Path | None) -> Self:
-        """Those of an option. Raises `InputError` as `read_bounds` does."""
+        """The ranges of an option. Raises `InputError` as `read_bounds` does."""
         if isinstance(bounds, str | Path):
             return cls(Path(bounds).name, read_bounds(Path(bounds)))
         return cls("`fix`" if bounds is None else "`bounds`", bounds or {})

@@ -161,7 +161,7 @@ def respond(
     held: Float[Array, "samples *channels"],
     intervals: Intervals,
 ) -> tuple[Float[Array, "*channels"], Float[Array, "samples *channels"]]:
-    """The same from any state on, and the state that a continuation starts from."""
+    """The response of an RC pair of 1 ohm from any state, and the state after it."""
     pair = Pair(tau, intervals)
 
     def step(state, sample):
@@ -212,7 +212,7 @@ def _squared_errors(rc: RCParameters, inputs: SimulationInput) -> Float[Array, "
 
 @_squared_errors.def_vmap
 def _of_populations(size: int, is_batched: PyTree, rc: RCParameters, inputs: SimulationInput):
-    """Those of several populations, which are one large population: they share the inputs."""
+    """The errors of several populations, as one large population: they share the inputs."""
     del is_batched
     count = rc.r0.shape[-1]
     together = jax.tree.map(lambda each: jnp.broadcast_to(each, (size, count)).reshape(-1), rc)

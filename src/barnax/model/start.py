@@ -273,7 +273,7 @@ class _Beginning:
         return None
 
     def relaxing(self, tells_soc: bool) -> Notice:
-        """What an opening rest that relaxes tells; a doubt where it is short and tells the SOC."""
+        """The notice of an opening rest that relaxes; a doubt if it is short and sets the SOC."""
         record, first = self.record, self.first
         rest_s = float(record.time_s[first] - record.time_s[0])
         is_doubtful = tells_soc and rest_s < MINIMUM_REST_S
@@ -284,8 +284,8 @@ class _Beginning:
 
     @property
     def counted_soc(self) -> float:
-        """What is taken out from where a SOC was given, the first row unless the start is given
-        too, to the start of the simulation."""
+        """The charge counted from where a SOC was given, the first row unless the start is given
+        too, to the start of the simulation, as SOC."""
         is_moved = self.window.start_time_s is None and self.window.start_after_step is None
         return float(self.discharged_ah[self.first]) / self.capacity_ah if is_moved else 0.0
 

@@ -97,7 +97,7 @@ class HeldOut:
 
     @property
     def errors(self) -> SocErrors:
-        """Those of all samples, and of the highest band."""
+        """The errors over all samples, and over the highest band."""
         sums, counts = self.squares_v2.sum(axis=0), self.counts.sum(axis=0)
         whole_v, *_, above_v = np.sqrt(sums / np.maximum(counts, 1)).tolist()
         return SocErrors(whole_v, above_v if counts[-1] else None)
@@ -125,7 +125,7 @@ def cross_validate(objective: TableObjective, best: Solution) -> CrossValidation
 
 
 def _as_given(objective: TableObjective, best: Solution) -> TableObjective:
-    """The same at the time constants of all, with starts and capacities as they were given."""
+    """A copy at the time constants of all, with starts and capacities as they were given."""
     records, settings = objective.prepared_records, objective.settings
     if objective.is_of_factors or not any(prepared.window.registration for prepared in records):
         return objective

@@ -45,7 +45,7 @@ ENOUGH = 20_000
 
 
 def laws_for(prepared_records: Sequence[PreparedRecord]) -> tuple[str, ...]:
-    """What the resistances of some records may follow beside SOC, as far as the records can tell.
+    """The laws of resistances beside SOC that some records can determine.
 
     Within one record a cell gets warmer and emptier together, so that its own heat needs several,
     as does the current where no temperature is measured. With an OCV test a switched hysteresis
@@ -58,7 +58,7 @@ def laws_for(prepared_records: Sequence[PreparedRecord]) -> tuple[str, ...]:
 
 
 def with_asked(objective: TableObjective, best: Solution) -> tuple[TableObjective, Solution]:
-    """The same with the laws that `resistances_follow` names."""
+    """The objective and solution with the laws that `resistances_follow` names."""
     asked = objective.settings.resistances_follow
     for what in asked.split(",") if asked not in ("auto", "none") else ():
         if (proposed := propose(objective, best, what, is_asked=True)) is not None:
@@ -148,7 +148,7 @@ def _least_share(records: Sequence[PreparedRecord]) -> float:
 
 
 def _spread_k(records: Sequence[PreparedRecord]) -> float:
-    """How far the measured temperature moves within a record at most; zero if one has none."""
+    """The largest range of the measured temperature within a record; zero if one has none."""
     measured = [one.measured_degc for one in records if one.measured_degc is not None]
     return max(float(np.ptp(degc)) for degc in measured) if len(measured) == len(records) else 0.0
 

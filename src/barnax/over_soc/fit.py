@@ -170,7 +170,7 @@ class TableFit(Brief):
 
     @property
     def constant_facts(self) -> list[Fact]:
-        """What has one value at every SOC, without the numbers of what resistances follow."""
+        """The facts that do not depend on SOC, without the numbers of a resistance law."""
         law = self.tables.dependence
         numbers = set() if law is None else set(law.numbers)
         constants = (fact for fact in self.facts if fact.soc is None and not fact.is_mean)
@@ -217,9 +217,9 @@ def fit_of(
     intervals: Sequence[NodeInterval] | None = None,
     errors: tuple[SocErrors, ...] | None = None,
 ) -> TableFit:
-    """All that is known of the tables of a proof; their errors are on other records than those of
-    the objective where these have another OCV. Of records without samples, `intervals` and `errors`
-    are given."""
+    """The fit of proved tables, with errors, intervals and warnings. Its errors are on other
+    records than those of the objective where these have another OCV; for records without samples,
+    `intervals` and `errors` are given."""
     settings, best = objective.settings, proof.best
     tables = objective.tables_at(best)
     nodes = intervals_of(objective, best) if intervals is None else intervals

@@ -123,7 +123,9 @@ class TableFits:
 
     @property
     def over(self) -> Literal["ocv", "soc", "soc,temperature"] | None:
-        """What the tables are over, of "ocv" the OCV alone; None of a constant circuit."""
+        """The coordinates of the tables, "ocv" where the OCV alone is one; None of a constant
+        circuit.
+        """
         if self.over_temperature is not None:
             return "soc,temperature"
         if self.reference.tables.is_constant:
@@ -138,7 +140,7 @@ class TableFits:
 
     @property
     def held(self) -> set[str]:
-        """What was held at a value."""
+        """The names of parameters held at a value."""
         return {name for name, ends in self.settings.ranges.items() if ends[0] == ends[1]}
 
     @property
@@ -199,8 +201,8 @@ class TableFits:
         return float(np.mean([mean.value for mean in means]))
 
     def other_sampling(self, records: Sequence[PreparedRecord]) -> Resampling | None:
-        """What the other sampling of the current makes of the mean resistances, where it is open in
-        the records that the tables were fitted to."""
+        """The change of the mean resistances under the other sampling of the current, where it is
+        open in the records that the tables were fitted to."""
         return resampling(records, self.fits[0].tables, self.named_ohm)
 
     def least_r0_shares(self, records: Sequence[PreparedRecord]) -> dict[str, float]:
@@ -211,8 +213,8 @@ class TableFits:
     def spanning(
         self, shifts_ohm: Sequence[float], shares: Mapping[str, float] | None = None
     ) -> "TableFits":
-        """The same with intervals that reach over what else may be true: R0 so far off, and
-        resistances by shares of themselves."""
+        """A copy with intervals extended by R0 off by some ohms, and by resistances off by shares
+        of themselves, which are equally possible."""
         shares = shares or {}
 
         def reaching(interval: NodeInterval) -> NodeInterval:
@@ -294,7 +296,7 @@ def _mean_drop_v(fits: TableFits, identified: Sequence[Evaluation]) -> float:
 
 
 def no_temperature(prepared: PreparedRecord, fits: TableFits) -> Iterator[Notice]:
-    """That a record has no temperature that the resistances could follow."""
+    """The notice that a record lacks the temperature on which the resistances depend."""
     law = fits.of(prepared).dependence
     if law is not None and BETA in law.numbers and prepared.sample_degc is None:
         values = {"reference_degc": law.reference_degc}
@@ -302,7 +304,9 @@ def no_temperature(prepared: PreparedRecord, fits: TableFits) -> Iterator[Notice
 
 
 def _offset_warnings(records: Sequence[PreparedRecord]) -> Iterator[Notice]:
-    """That the records agree far better without an offset of their current, which moves R."""
+    """The notice that the records agree far better without an offset of their current, which moves
+    R.
+    """
     level = records[0].window.registration
     if level is None or level.offset_a is None or level.offset_error_a is None:
         return
@@ -341,7 +345,7 @@ def _reversal_warnings(fits: TableFits) -> Iterator[Notice]:
 
 
 def _outside_warnings(fits: TableFits, evaluations: Evaluations) -> Iterator[Notice]:
-    """That a record to validate on goes to an SOC at which no table was identified."""
+    """Notices of validation records that go to an SOC at which no table was identified."""
     for evaluation in evaluations.validation:
         low, high = visited_soc(
             [

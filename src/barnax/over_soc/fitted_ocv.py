@@ -122,8 +122,8 @@ COMPARED_SOC = np.linspace(0.1, 0.9, 81)
 def compare_ocv(
     prepared_records: Sequence[PreparedRecord], fit: TableFit, settings: TableSettings
 ) -> OcvCompared | None:
-    """How far an OCV of the records' own is from their cell's, at the time constants of tables that
-    were fitted to them; None where they visit too little."""
+    """The distance of a fitted OCV from the cell's, at the time constants of tables that were
+    fitted to the records; None where they visit too little."""
     first = prepared_records[0]
     names = box_of(prepared_records, settings)
     log_scales = tuple(math.log(fit.tables.constants[name]) for name in names)

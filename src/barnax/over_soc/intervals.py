@@ -49,10 +49,10 @@ Rows = tuple[Columns, Float[np.ndarray, "rows sides"], Bool[np.ndarray, "rows"]]
 
 @dataclass(frozen=True, eq=False)
 class _Moves:
-    """What moves all values, tables' first: the noise, by column; a standard error each of
-    what is given beside the voltages and of what is usual; the curves that lines leave; and the
-    nuisances that fit best. `is_seen` is
-    False of a value that no sample and no way to move depends on."""
+    """Contributions to the error of every value, tables' first: of the noise, by column; a standard
+    error each of nuisances with priors and of usual values; of the curves that straight lines miss;
+    and the best nuisances. `is_seen` is False of a value that no sample and no free direction
+    depends on."""
 
     noise: Noise
     by_noise: Float[np.ndarray, "values columns"]
@@ -155,7 +155,9 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
 def _moves_of(
     lighter: TableObjective, light: Solution, best: Solution, curves: Sequence[TableCurve]
 ) -> _Moves:
-    """What moves the values of the fit hardly smoothed, in the ways that its sides leave."""
+    """The contributions to the error of the hardly smoothed fit, in the directions that its bounds
+    leave.
+    """
     is_open = [
         axis.low < scale < axis.high
         for axis, scale in zip(lighter.axes, best.log_scales, strict=True)

@@ -40,7 +40,7 @@ POINTS_A_NODE = 8
 
 
 def with_fitted_ocv(settings: TableSettings, circuit: str | None = None) -> TableSettings:
-    """The same with a table of the OCV in place of its correction, and with one of a dynamic
+    """A copy with a table of the OCV in place of its correction, and with one of a dynamic
     hysteresis where the circuit has that."""
     if circuit is not None and get_circuit(circuit).has_rate:
         bounds = {**settings.bounds, **({} if RATE in settings.ranges else {RATE: DISTINCT_RATES})}

@@ -52,17 +52,17 @@ class NodeInterval:
 
     @property
     def on_another_record(self) -> Self:
-        """What another record of the cell would show."""
+        """A copy with the interval to expect on another record of the cell."""
         return replace(self, low=self.record_low, high=self.record_high)
 
     def opened(self) -> "NodeInterval":
-        """The same, not determined."""
+        """A copy that is not determined."""
         ends = dict.fromkeys(("low", "high", "record_low", "record_high"))
         return replace(self, standard_error=0.0, **ends)
 
     def between(self, other: "NodeInterval", soc: float) -> "NodeInterval":
-        """What lies on the line to another node: no wider, for what the two leave open is not all
-        in common. An end is open where one of theirs is."""
+        """The interval on the line to another node: no wider, for the errors of the two are not
+        wholly shared. An end is open where one of theirs is."""
         first, last = self.soc or 0.0, other.soc or 0.0
         share = (soc - first) / (last - first)
         pairs = {
@@ -77,7 +77,7 @@ class NodeInterval:
         return line.opened() if line.low is None and line.high is None else line
 
     def moved(self, by: float) -> "NodeInterval":
-        """The same with value and interval counted from elsewhere."""
+        """A copy with value and interval shifted."""
         ends = {
             name: None if (end := getattr(self, name)) is None else end + by
             for name in ("low", "high", "record_low", "record_high")
@@ -85,7 +85,7 @@ class NodeInterval:
         return replace(self, value=self.value + by, **ends)
 
     def spanning(self, shifts: Sequence[float]) -> "NodeInterval":
-        """The same with an interval that includes those of equally possible values so far off."""
+        """A copy with an interval extended to equally possible values so far off."""
         ends = {}
         if self.low is not None:
             ends["low"] = max(self.low + min([0.0, *shifts]), 0.0)
@@ -121,7 +121,7 @@ class Fact(NodeInterval):
 
     @property
     def label(self) -> str:
-        """What it is called beside the others."""
+        """Its short name in a list of numbers."""
         return f"mean {self.name}" if self.is_mean else self.name
 
 
@@ -149,7 +149,9 @@ def node_weights(
 
 
 def mean_weights(objective: TableObjective, name: str) -> Float[np.ndarray, "values"]:
-    """The same of the values of all tables, for a table or a sum such as "R1 + R2 [Ohm]"."""
+    """The weights of the values of all tables in the mean of a table, or of a sum such as "R1 + R2
+    [Ohm]".
+    """
     weights = np.zeros(len(objective.to_tables))
     for part in parts_of(name):
         table = objective.names.index(part)
@@ -213,7 +215,7 @@ class TableCurve:
     sags: Float[np.ndarray, "nodes"]
 
     def above_lines(self, soc: Float[np.ndarray, "samples"]) -> Float[np.ndarray, "samples"]:
-        """How far the curve is above the table; zero outside of its nodes."""
+        """The curve minus the table; zero outside of its nodes."""
         if len(self.nodes) < 3:
             return np.zeros(len(soc))
         curve = CubicSpline(self.nodes, self.values + self.sags)(soc)
@@ -222,7 +224,7 @@ class TableCurve:
 
     @property
     def mean_above_lines(self) -> float:
-        """The same, averaged over its nodes above 10 % SOC."""
+        """The mean of the curve minus the table over its nodes above 10 % SOC."""
         low, high = max(self.nodes[0], ABOVE_SOC), self.nodes[-1]
         if len(self.nodes) < 3 or low >= high:
             return 0.0

@@ -37,9 +37,9 @@ FIXED = {
 
 
 class FittedTable(NamedTuple):
-    """What is tabulated, at which nodes, with which weight w and ridge of the penalty, and the
-    lowest and highest values of its unknowns. Those of one that `rises` are its value at the first
-    node and the steps from node to node, each with a bound of its own."""
+    """A table to fit: its name and nodes, the weight w and ridge of its penalty, and the lowest and
+    highest values of its unknowns. The unknowns of one that `rises` are its value at the first node
+    and the steps from node to node, each with a bound of its own."""
 
     name: str
     nodes: Float[np.ndarray, "nodes"]
@@ -145,12 +145,12 @@ class TableObjective(LinearObjective):
         return self.visited_of(0)
 
     def visited_of(self, table: int) -> Bool[np.ndarray, "nodes"]:
-        """The same of any table."""
+        """True at the nodes of a table that are nearest to some scored sample."""
         return self._visits[len(self.nodes_of[table])]
 
     @cached_property
     def _visits(self) -> dict[int, Bool[np.ndarray, "nodes"]]:
-        """The same by the number of nodes."""
+        """The visited nodes by the number of nodes."""
         nodes = {len(nodes): nodes for nodes in reversed(self.nodes_of)}
         return {count: self._nearest(of_table) for count, of_table in nodes.items()}
 
@@ -228,7 +228,7 @@ class TableObjective(LinearObjective):
 
     @cached_property
     def table_penalty(self) -> Float[np.ndarray, "penalties values"]:
-        """The same by the tables' values."""
+        """The rows of the penalty by the tables' values."""
         scale = math.sqrt(self.smoothing_scale)
         blocks = (
             smoothing_rows(self.settings, len(table.nodes), table.weight * scale, table.ridge)
@@ -237,7 +237,7 @@ class TableObjective(LinearObjective):
         return np.asarray(block_diag(*blocks))
 
     def furthest(self, objective_v2: float) -> Float[np.ndarray, "unknowns"]:
-        """How far from zero every unknown of tables with at most this J is, by their ridges."""
+        """The largest size of every unknown of tables with at most this J, by their ridges."""
         values = [
             np.full(len(table.nodes), np.sqrt(objective_v2 / (table.ridge * self.smoothing_scale)))
             / table.weight

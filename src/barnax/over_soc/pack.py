@@ -192,7 +192,7 @@ def fit_pack(
 def _moved(
     fit: Linearized, weighted: TableObjective, pushes: Float[np.ndarray, "ways pushes"]
 ) -> Float[np.ndarray, "values pushes"]:
-    """How far pushes move the tables, which are smoothed as an objective says."""
+    """The moves of smoothed tables under pushes, by the penalty of an objective."""
     normal = with_penalty(weighted, fit.products, fit.ways)
     moved = fit.ways @ np.linalg.lstsq(normal, pushes, UNSEEN**2)[0]
     return moved[: len(weighted.to_tables)]

@@ -144,14 +144,14 @@ class RecordFactors:
         return self.visited if np.array_equal(nodes, self.grid.nodes) else self.visited_ocv
 
     def constant(self) -> "RecordFactors":
-        """The same for a circuit with one value of each resistance at every SOC, and the OCV of its
-        own where it has one."""
+        """A copy for a circuit with one value of each resistance at every SOC, and a fitted OCV
+        where it has one."""
         grid = replace(self.grid, nodes=ANYWHERE)
         parts = tuple(part.coarser(has_ocv=grid.layout.has_correction) for part in self.parts)
         return replace(self, grid=grid, visited=np.array([True]), parts=parts)
 
     def counted_from(self, ocv: NodeOcv) -> "RecordFactors":
-        """The same with errors counted from another OCV, which differs by lines between nodes."""
+        """A copy with errors relative to another OCV, which differs by lines between nodes."""
         apart_v = self.cell.ocv_v - ocv.ocv_v
         if not np.any(apart_v):
             return self
@@ -178,7 +178,7 @@ def factors_of_cells(
     beside_v: Float[np.ndarray, "simulated cells"] | None = None,
     names: Sequence[str] = (),
 ) -> list[RecordFactors]:
-    """The same of every cell of a pack, whose voltages are so far above the record's."""
+    """The factors of every cell of a pack, whose voltages are so far above the record's."""
     cell = prepared.cell
     simulated = prepare_record(prepared.record, cell, grid.circuit, prepared.window)
     if cell.ocv_is_fitted:

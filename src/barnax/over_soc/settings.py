@@ -58,8 +58,8 @@ class TableSettings(TableOptions):
 
     @property
     def nodes_of_ocv(self) -> tuple[float, ...]:
-        """Where a table of the OCV, or its correction, has values: resistances at some of the
-        default nodes leave it at all of them."""
+        """The nodes of a table of the OCV, or of its correction: all default nodes where
+        resistances have some of them."""
         return self.ocv_nodes or (NODES if {*self.nodes} <= {*NODES} else self.nodes)
 
     @property
@@ -75,7 +75,7 @@ def circuit_name(model: str, over: str | None) -> str:
 
 
 def table_name(model: str, over: str | None) -> str:
-    """The same in a table of circuits, where tables stand first."""
+    """The name of a circuit in a table, where tables over SOC come first."""
     name = circuit_name(model, over)
     _, tables, over_what = name.partition(" with tables")
     return f"tables{over_what} ({model})" if tables else name

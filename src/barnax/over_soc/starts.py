@@ -157,7 +157,7 @@ class UntestedRecords:
         ]
 
     def starts_by_temperature(self, circuit: str) -> Starts:
-        """Where the records start, by the OCV of each temperature. Raises `InputError` where a
+        """The starts of the records by the OCV of each temperature. Raises `InputError` where a
         start or a temperature is not known."""
         measured: list[tuple[float, Record]] = []
         for record in self.records:
@@ -172,8 +172,8 @@ class UntestedRecords:
         )
 
     def starts(self, circuit: str, simpler: Starts | None = None) -> Starts:
-        """Where the records start, by the best tables of a circuit; the starts of a simpler one may
-        be known. Raises `InputError` where a start is not known."""
+        """The starts of the records by the best tables of a circuit, given those of a simpler one
+        where these are known. Raises `InputError` where a start is not known."""
         windows = {
             record.name: axis_of(record, self.windows[record.name], self.capacity_ah)
             for record in self.records

@@ -86,7 +86,7 @@ class Plan(Brief):
 
     @property
     def on_one(self) -> "Plan":
-        """The same identified on the first record and validated on all others."""
+        """A copy that identifies on the first record and validates on all others."""
         first, *others = self.of_role("identification")
         why = f"validated on, for {first.name} is identified on"
         parts = (
@@ -245,7 +245,7 @@ def plan_from_toml(path: str | Path) -> Plan:
 
 
 def _content(path: Path) -> dict[str, Any]:
-    """What stands in a TOML file. Raises `InputError` where that cannot be read."""
+    """The content of a TOML file. Raises `InputError` where that cannot be read."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as problem:

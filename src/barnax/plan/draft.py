@@ -144,7 +144,7 @@ def why_useless(file: CandidateFile, capacity_ah: float | None) -> str:
 
 
 def another_cell(file: CandidateFile, capacity_ah: float | None) -> str:
-    """That a file moves more than the cell holds; empty where it does not."""
+    """The reason that a file moves more charge than the cell holds; empty where it does not."""
     span_ah = file.traits.span_ah
     if not capacity_ah or span_ah <= _BEYOND * capacity_ah:
         return ""

@@ -95,7 +95,7 @@ class CandidateFile:
 
     @cached_property
     def content(self) -> Record | OcvTable:
-        """What is in it. Raises `InputError` where that cannot be read."""
+        """Its record or table. Raises `InputError` where that cannot be read."""
         return self.given or read_ocv_test(self.readable, **self.how)
 
     @property
@@ -105,7 +105,7 @@ class CandidateFile:
 
     @property
     def readable(self) -> Source:
-        """What was read of it. Raises `InputError` where that was nothing."""
+        """Its source. Raises `InputError` where nothing was read."""
         if self.source is None:
             raise self.refusal or InputError(f"{self.name}: was not read")
         return self.source

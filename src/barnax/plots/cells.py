@@ -95,7 +95,7 @@ def plot_pack(fit: "PackFit", odd: Collection[tuple[str, str]] = (), weakest: st
 
 
 def numbers_of(names: Sequence[str]) -> list[str]:
-    """What tells the names apart, where the words around their numbers are the same.
+    """The numbers that distinguish names, where the words around them are the same.
 
     >>> numbers_of(["Cell 9 voltage [V]", "Cell 10 voltage [V]"])
     ['9', '10']
@@ -187,7 +187,7 @@ def _life_panels(life: "Life") -> tuple[Figure, dict[str, Axes]]:
 def _draw_trend(
     axes: Axes, life: "Life", trend: "Trend", look: style.RowLook, apart: float = 0, name: str = ""
 ) -> None:
-    """What the records tell of a quantity, and its trend, both with their intervals."""
+    """Draw the records' values of a quantity, and its trend, both with their intervals."""
     _, scale = LIFE[trend.quantity]
     value, low, high = scale * trend.measured.T
     reach = np.stack([value - low, high - value])

@@ -355,7 +355,7 @@ MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X", "<", ">")
 
 @dataclass(frozen=True)
 class RowLook:
-    """The same row looks the same in every figure."""
+    """The look of one row, alike in every figure."""
 
     color: str
     line: str | tuple[int, tuple[float, ...]]

@@ -104,7 +104,7 @@ def choose(
 
 @dataclass(eq=False)
 class Bench:
-    """What circuits of the family are fitted and compared on."""
+    """The records, settings and limits by which circuits of the family are fitted and compared."""
 
     prepare: Callable[[str], Sequence[PreparedRecord]]
     settings: TableSettings
@@ -173,7 +173,7 @@ class Bench:
         return ("direction",) if self.limits.has_ocv and not self.limits.laws else ()
 
     def _without_needless(self, chosen: Fitted) -> Fitted:
-        """The same without rungs that are worth nothing any more beside those kept later."""
+        """The circuit without rungs that gain nothing beside those kept later."""
         for point in self.limits.simpler(chosen.point):
             simpler = self.fit(point)
             gain = self._gain(simpler, chosen)
@@ -183,8 +183,8 @@ class Bench:
         return chosen
 
     def _with_determined_pairs(self, answer: Fitted) -> Fitted:
-        """The same without pairs of nearly one time constant, of which only the sum is determined,
-        and without one whose resistance is zero wherever samples are."""
+        """The circuit without pairs of nearly one time constant, of which only the sum is
+        determined, and without one whose resistance is zero wherever samples are."""
         for point in self.limits.simpler(answer.point):
             if point.kind != answer.point.kind or point.pairs == answer.point.pairs:
                 continue
@@ -221,7 +221,7 @@ class Bench:
                 yield ladder, self.fit(other)
 
     def _finest_nodes(self, chosen: Fitted) -> Iterator[tuple[Ladder, Fitted]]:
-        """Those with the nodes behind those that gain something and too little."""
+        """The circuit with the nodes after those that gain something and too little."""
         finer = self.limits.nodes[self.limits.nodes.index(chosen.point.nodes) + 1 :]
         if len(finer) < 2 or not self._spans_enough:
             return
@@ -257,8 +257,8 @@ class Bench:
         return self.policy.gain(simpler.loss, richer.loss)
 
     def _outcome(self, chosen: Fitted, more: Fitted, gain: Gain, best_gain: float) -> Outcome:
-        """What becomes of a richer circuit, unless no other gains more; where one does, its law
-        need not be determined."""
+        """The outcome of a richer circuit, unless another gains more; where one does, its law need
+        not be determined."""
         if not self._is_worth(chosen, more, gain):
             return "no gain"
         if not chosen.point.has_rate and self._is_like_ocv(more):
@@ -298,8 +298,8 @@ class Bench:
         return all(one.low and one.high and one.high < widest * one.low for one in intervals)
 
     def _laws(self, chosen: Fitted, laws: Sequence[str]) -> list[tuple[Ladder, Fitted]]:
-        """The same circuit with one law more, each at the time constants that it fits best with;
-        first the one that gains most, for those behind it need not be determined."""
+        """The circuit with one law more, each at the time constants that it fits best with; first
+        the one that gains most, for those behind it need not be determined."""
         law, richer = chosen.point.law, list[tuple[Ladder, Fitted]]()
         for what in laws:
             proposed = propose(chosen.objective, chosen.best, what)

@@ -47,7 +47,7 @@ class Point:
 
     @property
     def kind(self) -> str:
-        """What circuits of one hysteresis have in common."""
+        """The kind of its hysteresis."""
         return get_circuit(self.circuit).hysteresis.kind
 
     @property
@@ -104,7 +104,7 @@ class Subfamily:
         return replace(point, circuit=circuit)
 
     def settings_of(self, point: Point, settings: TableSettings) -> TableSettings:
-        """How the tables of a point are fitted."""
+        """The settings of the tables of a point."""
         if self.has_ocv:
             return with_fitted_ocv(replace(settings, nodes=point.nodes), point.circuit)
         is_corrected = settings.ocv_correction and not point.is_constant

@@ -210,7 +210,7 @@ def assess(problem: "Problem", parameters: CircuitParameters) -> Assessment:
 def _with_upper_ends(
     problem: "Problem", parameters: CircuitParameters, uncertainty: Uncertainty
 ) -> Uncertainty:
-    """The same with what resistances at their lower bounds are at most."""
+    """A copy with upper limits of resistances at their lower bounds."""
     names = [one.name for one in uncertainty.estimates if one.held == "at lower bound"]
     names = tuple(name for name in names if name.endswith("[Ohm]"))
     if not names:

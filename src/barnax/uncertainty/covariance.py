@@ -213,7 +213,7 @@ class Estimate:
         return not self.low <= value <= self.high
 
     def spanning(self, values: Sequence[float]) -> "Estimate":
-        """The same with an interval that reaches over those of other values."""
+        """A copy with an interval extended to those of other values."""
         shares = [1.0, *(value / self.value for value in values)]
         low = None if self.low is None else min(shares) * self.low
         return replace(self, low=low, high=None if self.high is None else max(shares) * self.high)
@@ -247,7 +247,7 @@ class Uncertainty(Brief):
     noise: NoiseParts
 
     def spanning(self, others: Sequence[CircuitParameters]) -> "Uncertainty":
-        """The same with intervals that reach over those of other circuits, equally possible.
+        """A copy with intervals extended to those of other, equally possible circuits.
 
         Their intervals are as wide, relative to their values.
         """

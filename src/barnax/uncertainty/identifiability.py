@@ -60,7 +60,7 @@ class Undetermined:
 
 @dataclass(frozen=True)
 class Identifiability:
-    """All that the data leave undetermined."""
+    """The parameters and combinations that the data leave undetermined."""
 
     findings: tuple[Undetermined, ...]
 

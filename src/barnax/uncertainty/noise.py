@@ -222,9 +222,9 @@ def fit_gathered(
     columns: Float[np.ndarray, "slots columns"],
     squares_v2: Float[np.ndarray, "sides"],
 ) -> list[Noise]:
-    """The same from what was gathered in slots: how many samples, their errors' and columns' sums;
-    of several voltages that share the columns, one each. `squares_v2` are the errors' sums of
-    squares.
+    """The noise by sums over slots: the number of samples, and the sums of their errors and
+    columns; one for each of several voltages that share the columns. `squares_v2` are the errors'
+    sums of squares.
     """
     slot_s, reach, samples = slots.slot_s, slots.reach, float(counts.sum())
     padded = 1 << (2 * slots.count - 2).bit_length()

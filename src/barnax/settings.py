@@ -301,9 +301,7 @@ class Registration:
 
     @property
     def origin(self) -> "Registration":
-        """The registration by the OCV test, where a record had one before others moved it; else
-        itself.
-        """
+        """The first registration of a record, before others moved it again."""
         earlier = self.given.registration
         return self if earlier is None else earlier.origin
 

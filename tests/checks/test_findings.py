@@ -171,12 +171,12 @@ FAULTS = {
     "none": (DRIVE, {}),
     "no time": (DRIVE.drop(TIME), {"columns": "error"}),
     "a likely name, and its values looked at": (
-        changed(DRIVE, VOLTAGE, 6.5, [99]).rename({VOLTAGE: "Spannung [V]"}),
+        changed(DRIVE, VOLTAGE, 6.5, [99]).rename({VOLTAGE: "Tension [V]"}),
         {"columns": "error", "voltage unit": "warning"},
     ),
-    "a foreign name": (DRIVE.rename({CURRENT: "电流(A)"}), {"columns": "error"}),
+    "a foreign name": (DRIVE.rename({CURRENT: "corriente(A)"}), {"columns": "error"}),
     "the unit of a likely name": (
-        scaled(DRIVE, CURRENT, 1000.0).rename({CURRENT: "Strom [mA]"}),
+        scaled(DRIVE, CURRENT, 1000.0).rename({CURRENT: "Courant [mA]"}),
         {"columns": "error"},
     ),
     "several likely names": (

@@ -69,7 +69,7 @@ HEADERS = {
     "Record_number,current_A,voltage_V,Relative_Time_h_min_s.ms_": ("plain", 1, 1),
     "Testtime,StepID,Steptime,Channel Voltage,Channel Current": ("plain", 1, 1),
     "总时间(s),电流(A),电压(V)": ("Neware", 1, 1),
-    "Zeit [min],Strom [mA],Spannung [V]": ("German", 60, 1e-3),
+    "Zeit [min],Strom [mA],Spannung [V]": ("plain", 60, 1e-3),
     "time /s,I /A,E /V": ("Ivium", 1, 1),
     "Time (s),WE(1).Current (A),WE(1).Potential (V)": ("plain", 1, 1),
     "Elapsed Time (s),Working Electrode (V),Current (A)": ("plain", 1, 1),

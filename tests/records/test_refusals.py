@@ -73,7 +73,7 @@ REFUSED = {
     "a workbook cut short": workbook({"Channel_1-001": ROWS})[:-200],
     "an old workbook cut short": b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(600),
     "a workbook without a record": workbook({"Info": [["TEST REPORT"], [1.0]], "Notes": []}),
-    "a workbook that lacks a column": sheet(SHORT.rename({CURRENT: "Strom (A)"})),
+    "a workbook that lacks a column": sheet(SHORT.rename({CURRENT: "Courant (A)"})),
     "a workbook of two channels": workbook({"Channel_1-001": ROWS, "Channel_1-002": ROWS}),
     "a workbook of two records": workbook(dict.fromkeys(("first", "second"), ROWS)),
     "a bad row on a later sheet": bad_later_sheet(),
@@ -131,12 +131,12 @@ def test_what_is_no_file_is_refused(tmp_path):
     ("columns", "says"),
     [
         ("time=Uhr:s", "no column is called 'Uhr:s'"),
-        ("time=Zeit:fortnight", "unknown unit 'fortnight'"),
-        ("time=Zeit:none", "unknown unit 'none' of 'Zeit'"),
+        ("time=Dauer:fortnight", "unknown unit 'fortnight'"),
+        ("time=Dauer:none", "unknown unit 'none' of 'Dauer'"),
     ],
 )
 def test_a_wrong_column_or_unit_is_named(tmp_path, columns, says):
-    assert says in refusal(tmp_path, "Zeit,Klemme\n0,3.7\n", columns=columns)
+    assert says in refusal(tmp_path, "Dauer,Klemme\n0,3.7\n", columns=columns)
 
 
 def test_all_columns_that_are_missing_are_said_at_once(tmp_path):

@@ -132,7 +132,7 @@ def names_cell_voltage(name: str) -> bool:
     units = [text.strip() for text in re.findall(r"[/\[(]([^/\[\]()]*)", plain)]
     if any(units):
         return any(unit_of(voltage, unit) for unit in units)
-    if any(word in plain for word in ("volt", *voltage.foreign)):
+    if any(word in plain for word in ("volt", "spannung", "电压", *voltage.foreign)):
         return True
     others = (alias for quantity in QUANTITIES for alias in (*quantity.aliases, *quantity.foreign))
     if any(word in plain for word in others if len(word) > 3 and word not in voltage.aliases):

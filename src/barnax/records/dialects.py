@@ -25,8 +25,7 @@ class Dialect:
     usual ones hold. A unit, in any spelling, may stand behind a name in the file; where none does,
     "programmdauer=ms" says what it is. `sign` is what the make's currents mean as a rule, or always
     where `is_sign_certain`, which only clear evidence outweighs. `logs_at_end` says that a sample's
-    current flowed before it, and `writes_zero_volts` that 0 V is no measurement. Names of a
-    language are no make's, and promise no sign.
+    current flowed before it, and `writes_zero_volts` that 0 V is no measurement.
     """
 
     name: str
@@ -34,7 +33,6 @@ class Dialect:
     names: Mapping[str, str] = field(default_factory=dict)
     sign: Sign = CHARGE
     logs_at_end: bool = False
-    is_make: bool = True
     is_sign_certain: bool = False
     writes_zero_volts: bool = False
 
@@ -71,19 +69,7 @@ DIALECTS: tuple[Dialect, ...] = (
             "data point & test time & step index & current",
             "test id & data point & test time",
         ),
-        names={
-            "time": "test time",
-            "step time": "step time",
-            "date": "date time|datetime",
-            "current": "current",
-            "voltage": "voltage",
-            "temperature": "aux temperature|aux temperature 1|temperature|temperature 1|temp",
-            "step": "step index",
-            "cycle": "cycle index",
-            "charging capacity": "charge capacity",
-            "discharging capacity": "discharge capacity",
-            "net capacity": "capacity",
-        },
+        names={"temperature": "aux temperature|aux temperature 1|temperature|temperature 1|temp"},
         logs_at_end=True,
     ),
     # BTS 5 to 8, as CSV, workbooks, and the binary files that fastnda reads. Names as in exports of
@@ -116,7 +102,6 @@ DIALECTS: tuple[Dialect, ...] = (
             "step time": "step time|time|relative time|工步时间|相对时间|时间",
             "date": "unix time|date|absolute time|realtime|real time|system time|date time|"
             "timestamp|系统时间|绝对时间|日期",
-            "current": "current|cur|电流",
             "voltage": "voltage|volt|vol|电压",
             "temperature": "temperature|t1|aux1 temperature|温度",
             "step": "step count|step index|step number|step|steps|step id|工步号|工步序号|步次",
@@ -152,9 +137,7 @@ DIALECTS: tuple[Dialect, ...] = (
             "current": "amps|mamps=mA|current|i",
             "voltage": "volts|mvolts=mV|voltage",
             "temperature": "temp 1|temperature cell|temperature|ev temp|temp",
-            "step": "step",
             "cycle": "cyc#|cycle c|cycle|cycle p",
-            "state": "state|md|status",
             "net capacity": "amp-hr|mamp-hr=mAh|capacity|cap.",
         },
     ),
@@ -175,11 +158,8 @@ DIALECTS: tuple[Dialect, ...] = (
             "time": "prog time|program time|program duration|programm zeit|programmdauer=ms",
             "step time": "step time|step duration|schritt zeit|schrittdauer=ms",
             "date": "time stamp|timestamp|zeitstempel|zeit",
-            "current": "current|strom",
-            "voltage": "voltage|spannung",
             "temperature": "temperature|t1|t batt|logtemppositive|logtemp001|temp1",
             "step": "step|schritt|schritt nr.",
-            "cycle": "cycle|zyklus",
             "state": "status|zustand",
             "charging capacity": "ahcha|ahlad",
             "discharging capacity": "ahdch|ahela",
@@ -191,16 +171,10 @@ DIALECTS: tuple[Dialect, ...] = (
         "Basytec",
         marks=("time & t-step & u & i", "time & dataset & u & i", "t-step & ah-step"),
         names={
-            "time": "time",
             "step time": "t-step",
-            "current": "i",
-            "voltage": "u",
-            "temperature": "t1",
             "step": "line",
             "cycle": "cyc-count",
             "state": "command",
-            "charging capacity": "",
-            "discharging capacity": "",
             "net capacity": "ah",
         },
     ),
@@ -210,15 +184,9 @@ DIALECTS: tuple[Dialect, ...] = (
         marks=("run time & step time & potential", "run time & potential & current"),
         names={
             "time": "run time",
-            "step time": "step time",
-            "date": "date and time",
-            "voltage": "potential|voltage",
-            "temperature": "temperature",
             # Their step types are numbers.
             "state": "",
             "step": "step number|step position",
-            "cycle": "cycle number",
-            "net capacity": "capacity",
         },
     ),
     Dialect(
@@ -231,16 +199,11 @@ DIALECTS: tuple[Dialect, ...] = (
             "test time s & step name",
         ),
         names={
-            "time": "testtime|test time|测试时间",
-            "step time": "steptime|step time|过程时间",
             "date": "systime|system time|date time iso string|系统时间",
             "step": "step-index|step index|step|过程号",
             "cycle": "cycle-index|cycle index|cycle",
             "state": "step-state|step name|mode|过程模式",
-            "current": "current|电流",
-            "voltage": "voltage|电压",
             "temperature": "auxtemp|temperature 1",
-            "net capacity": "capacity|容量",
         },
     ),
     # MATLAB structures of McMaster University and the University of Wisconsin (Kollmeyer).
@@ -253,19 +216,12 @@ DIALECTS: tuple[Dialect, ...] = (
     Dialect(
         "PEC",
         marks=("total time & load on time & step time",),
-        names={
-            "time": "total time",
-            "step time": "step time",
-            "date": "real time",
-            "step": "step",
-            "cycle": "cycle",
-        },
+        names={"date": "real time"},
     ),
     Dialect(
         "Bitrode",
         marks=("total time & loop counter", "total time & amp-hours & watt-hours"),
         names={
-            "state": "mode",
             "temperature": "temperature a1|temperature",
             "net capacity": "amp-hours",
         },
@@ -274,7 +230,7 @@ DIALECTS: tuple[Dialect, ...] = (
     Dialect(
         "Gamry",
         marks=("pt & t & vf & im", "pt & t & vf & i", "t & vf & im"),
-        names={"time": "t=s|time", "current": "im|i", "voltage": "vf|vm", "temperature": "temp"},
+        names={"time": "t=s|time", "current": "im|i", "voltage": "vf|vm"},
     ),
     # Text exports of EC-Lab and BT-Lab (.mpt, .txt), and .mpr by the extra `biologic`. Names stand
     # before a slash ("Ewe/V", "<I>/mA", "control/V/mA"). The clock runs from the start of the
@@ -293,13 +249,8 @@ DIALECTS: tuple[Dialect, ...] = (
             "mode & error & time",
         ),
         names={
-            "time": "time",
-            "step time": "step time",
-            "current": "i",
             "charge of the interval": "dq",
             "voltage": "ecell|ewe|ewe-ece|u",
-            "temperature": "temperature",
-            "step": "ns",
             "state": "",
             "cycle": "cycle number|half cycle",
             "charging capacity": "",
@@ -311,71 +262,10 @@ DIALECTS: tuple[Dialect, ...] = (
     ),
     # Of its names only that of the voltage is nobody else's.
     Dialect("PyBaMM", marks=("current [a] & terminal voltage [v]",), sign=DISCHARGE),
-    # What the words are in German, Chinese, Japanese and Korean, of no make.
-    Dialect(
-        "German",
-        is_make=False,
-        # A pack has a voltage for each cell, under any name.
-        marks=("zeit & strom", "datum & strom"),
-        names={
-            "time": "zeit|uhrzeit",
-            "date": "datum/uhrzeit|datum uhrzeit|zeitstempel|datum",
-            "current": "strom",
-            "voltage": "spannung|zellspannung",
-            "temperature": "temperatur",
-            "state": "zustand|status|modus|betriebsart",
-            "step": "schritt|schritt nr|schrittnummer",
-            "cycle": "zyklus",
-        },
-    ),
-    Dialect(
-        "Chinese",
-        is_make=False,
-        marks=("时间 & 电流", "電流 & 電壓"),
-        names={
-            "time": "总时间|總時間|测试时间|測試時間|时间|時間",
-            "current": "电流|電流",
-            "voltage": "电压|電壓",
-            "temperature": "温度|溫度",
-            "state": "状态|狀態",
-        },
-    ),
-    Dialect(
-        "Japanese",
-        is_make=False,
-        marks=("電流 & 電圧",),
-        names={
-            "time": "経過時間|総時間|試験時間|総経過時間|時間",
-            "step time": "ステップ時間",
-            "date": "日時|日付時刻|日付",
-            "current": "電流",
-            "voltage": "電圧",
-            "temperature": "電池温度|温度",
-            "step": "ステップ|ステップ番号|ステップno",
-            "cycle": "サイクル|サイクル番号|サイクル数",
-            "state": "状態|モード",
-        },
-    ),
-    Dialect(
-        "Korean",
-        is_make=False,
-        marks=("전류 & 전압",),
-        names={
-            "time": "총시간|시험시간|경과시간|시간",
-            "step time": "스텝시간",
-            "date": "날짜|일시",
-            "current": "전류",
-            "voltage": "전압",
-            "temperature": "온도",
-            "step": "스텝|스텝번호",
-            "cycle": "사이클",
-            "state": "상태|모드",
-        },
-    ),
     # Ivium and VersaStudio.
     Dialect("Ivium", marks=("time & i & e", "elapsed time & i & e"), names={"voltage": "u|v|e"}),
 )
-PLAIN = Dialect("plain", is_make=False)
+PLAIN = Dialect("plain")
 
 # Tables that are no record of one cell over time, by their names, and what to give instead.
 OTHER_TABLES: Mapping[str, str] = {

@@ -110,34 +110,42 @@ QUANTITIES: tuple[Quantity, ...] = (
         "time",
         _SECONDS,
         "test time|testtime|total time|tottime|cumulative time|elapsed time|time|seconds|t|"
-        "time of day|clock time",
+        "time of day|clock time|zeit|uhrzeit|总时间|總時間|测试时间|測試時間|时间|"
+        "経過時間|総時間|試験時間|総経過時間|時間|총시간|시험시간|경과시간|시간",
         ("Test Time / s", "test_time_second"),
-        ("zeit", "temps", "tiempo", "tempo", "时间"),
+        ("temps", "tiempo", "tempo"),
     ),
     # A clock that starts again with each step, and the time of day: where there is no test clock.
-    Quantity("step time", _SECONDS, "step time|steptime|relative time", ("Step Time / s",)),
+    Quantity(
+        "step time",
+        _SECONDS,
+        "step time|steptime|relative time|过程时间|ステップ時間|스텝시간",
+        ("Step Time / s",),
+    ),
     Quantity(
         "date",
         _SECONDS,
-        "date time|datetime|unix time|time stamp|timestamp|date and time|date",
+        "date time|datetime|unix time|time stamp|timestamp|date and time|date|"
+        "datum/uhrzeit|datum uhrzeit|zeitstempel|datum|日時|日付時刻|日付|날짜|일시",
         ("Date Time", "Unix Time / s"),
     ),
     Quantity(
         "current",
         _AMPERES,
         "cell current|channel current|current|pack current|battery current|current measured|"
-        "cur|amps|we(1).current|i|ma=mA",
+        "cur|amps|we(1).current|i|ma=mA|strom|电流|電流|전류",
         ("Current / A", "current_ampere"),
-        ("strom", "courant", "corriente", "corrente", "电流"),
+        ("courant", "corriente", "corrente"),
     ),
     Quantity("charge of the interval", _AMPERE_HOURS),
     Quantity(
         "voltage",
         _VOLTS,
         "terminal voltage|cell voltage|channel voltage|voltage|voltage measured|potential|volts|"
-        "ecell|ewe|working electrode|working electrode vs. nhe|we(1).potential|u|v|mv=mV",
+        "ecell|ewe|working electrode|working electrode vs. nhe|we(1).potential|u|v|mv=mV|"
+        "spannung|zellspannung|电压|電壓|電圧|전압",
         ("Voltage / V", "voltage_volt"),
-        ("spannung", "tension", "voltaje", "tensione", "电压"),
+        ("tension", "voltaje", "tensione"),
     ),
     Quantity(
         "temperature",
@@ -145,25 +153,28 @@ QUANTITIES: tuple[Quantity, ...] = (
         "surface temperature|surface temperature t1|cell temperature|temperature cell|"
         "battery temperature|temperature|aux temperature|"
         "aux temperature 1|aux1 temperature|temperature t1|temperature 1|temperature measured|temp|"
-        "t1|t|ambient temperature",
+        "t1|t|ambient temperature|temperatur|温度|溫度|電池温度|온도",
         ("Surface Temperature / degC", "Ambient Temperature / degC"),
     ),
     Quantity(
         "step",
         _COUNTS,
-        "step index|step|step id|stepid|step number|step no|stepno|ns|step count",
+        "step index|step|step id|stepid|step number|step no|stepno|ns|step count|"
+        "schritt|schritt nr|schrittnummer|ステップ|ステップ番号|ステップno|스텝|스텝번호",
         ("Step Index / 1",),
     ),
     Quantity(
         "cycle",
         _COUNTS,
-        "cycle index|cycle count|cycle|cycle number|totcycle",
+        "cycle index|cycle count|cycle|cycle number|totcycle|"
+        "zyklus|サイクル|サイクル番号|サイクル数|사이클",
         ("Cycle Count / 1",),
     ),
     Quantity(
         "state",
         _COUNTS,
-        "state|step type|md|status|step name|mode|step mode|step state",
+        "state|step type|md|status|step name|mode|step mode|step state|"
+        "zustand|modus|betriebsart|状态|狀態|状態|モード|상태|모드",
         ("Step Type / 1",),
     ),
     Quantity(
@@ -181,7 +192,7 @@ QUANTITIES: tuple[Quantity, ...] = (
     Quantity(
         "net capacity",
         _AMPERE_HOURS,
-        "net capacity|step net capacity|capacity",
+        "net capacity|step net capacity|capacity|容量",
         ("Net Capacity / Ah", "Capacity(Ah)"),
     ),
 )

@@ -14,7 +14,7 @@ from ..errors import counted
 from ..notices import Notice, raise_first_error
 from ..settings import AutoSign
 from .counters import cosine
-from .dialects import CHARGE, DISCHARGE, Sign
+from .dialects import CHARGE, DISCHARGE, PLAIN, Sign
 from .logger import Decision
 from .record import runs
 from .samples import MORE, Samples, few, voltage_noise_v
@@ -104,7 +104,7 @@ def _doubts(samples: Samples, sign: Decision) -> list[Notice]:
     values: dict[str, str | None] = {"sign": sign.value, "reason": sign.reason}
     if sign.strength in ("weak", "assumed"):
         code, values = "sign.doubtful", values | {"strength": sign.strength}
-    elif (column.sign or make.is_make) and sign.value != promised:
+    elif (column.sign or make is not PLAIN) and sign.value != promised:
         code, header = "sign.unusual", column.header if column.sign else None
         values |= {"column": header, "dialect": make.name, "promised": promised}
     else:

@@ -1,20 +1,20 @@
-"""Ageing by one record: capacity, resistances and OCV beside those of before.
+"""Ageing from one record: capacity, resistances and OCV compared with an earlier state of the cell.
 
-With the OCV U that the cell had over its state of charge s, a record's voltage is
+With U the cell's earlier OCV over its state of charge s, a record's voltage is
 
     v = U(s) + d + g(s) - R0(s) i - ...,    s = s0 - charge / C,
 
-with its own capacity C, start s0 and shift d of the OCV, which a sensor's offset is too. They are
-estimated together with all tables (`nuisances`), with the errors that U may have. There are priors
-on s0 and d, and hardly one on C. A capacity with too wide an interval is not determined.
+with the record's own capacity C, start s0 and shift d of the OCV, which includes a sensor's offset.
+They are estimated together with all tables (`nuisances`), allowing for errors of U. There are
+priors on s0 and d, and almost none on C. A capacity with too wide an interval is not determined.
 
-An ageing cell's OCV changes its shape by g, for its electrodes lose lithium and material unequally.
-Charges end at one voltage, so that g is zero where the cell is full; below, it is a random walk.
-Estimates are averages over sizes of it, by how probable these make the record; `life.rows` knows
-the sizes better, from the other cells of a fleet. Where nothing shows the empty end, a change of
-shape is mistaken for a change of capacity: of a capacity that fell by 6.6 % in PyBaMM, the OCV of
-before, stretched over the upper 70 %, sees half. A record from full to a rest near empty, where the
-OCV is steep, does tell the capacity.
+As a cell ages, its OCV changes shape by g, because its electrodes lose lithium and material
+unequally. Charges end at one voltage, so g is zero where the cell is full; below, it is a random
+walk. Estimates are averaged over sizes of the walk, weighted by the probability of the record under
+each; `life.rows` knows the sizes better, from the other cells of a fleet. Unless a record reaches
+the empty end, a change of shape is mistaken for a change of capacity: of a 6.6 % loss of capacity
+in PyBaMM, the earlier OCV stretched over the upper 70 % accounts for half. A record from full to a
+rest near empty, where the OCV is steep, does determine the capacity.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -39,45 +39,46 @@ from .settings import TableSettings
 
 Nuisance = Float[np.ndarray, "nuisances"]
 CIRCUIT = "so-rc"
-# Where resistances are told.
+# SOC at which resistances are reported.
 AT_SOC = 0.5
 CAPACITY, SHIFT, R0, R = "capacity [A.h]", "OCV shift [V]", OHMIC, "R [Ohm]"
 AGED = (CAPACITY, "start SOC", SHIFT, R0, R)
-# Standard deviations of what is believed of a shift of the OCV, of the logarithm of a capacity, and
-# of a start of which nothing is.
+# Prior standard deviations of a shift of the OCV, of the logarithm of a capacity, and of a start
+# without any information.
 SHIFT_SD_V, CAPACITY_SD, UNTOLD_SD = 0.02, 1.0, 1.0
-# An OCV identified from records ripples between its nodes, which no cell's does. Slopes over so
-# wide a step of SOC leave that out: it would tell start and capacity from a shift, wrongly.
+# An OCV identified from records ripples between its nodes; a real cell's does not. Slopes over this
+# step of SOC leave the ripple out: it would wrongly separate start and capacity from a shift.
 SLOPE_SOC = 0.1
-# Standard deviations of the OCV of before at its nodes, and of what is held.
+# Standard deviations of the earlier OCV at its nodes, and of a quantity that is held.
 OCV_SD_V, OCV_NODES = 1.5e-3, np.linspace(0.0, 1.0, 21)
 HELD_SD = 1e-7
-# Standard deviations that a change of its shape over all of the SOC may have, and their odds: as if
-# one step of the walk were known, at the usual size. Cells in PyBaMM that lost 1 to 17 % of their
-# capacity have 5 to 48 mV. What looks like another capacity shows in no step, so that without it
-# too little is found.
+# Standard deviations of a change of the OCV's shape over the whole SOC range, and their prior
+# weights: as if one step of the walk had been observed at the usual size. Cells in PyBaMM that lost
+# 1 to 17 % of their capacity have 5 to 48 mV. A change that looks like another capacity appears in
+# no step, so without these weights the size is underestimated.
 SHAPES_V, USUAL_SHAPE_V = np.geomspace(2e-3, 64e-3, 6), 0.025
 SHAPE_ODDS = np.exp(-((USUAL_SHAPE_V / SHAPES_V) ** 2) / 2) / SHAPES_V
 SHAPE_ODDS /= np.sum(SHAPE_ODDS)
-# Below the first SOC circuits do not follow, and only rests count; below the second these tell the
-# capacity, in a record that was above the third. A rest's slope is over so much SOC.
+# Below the first SOC circuits do not model the voltage and only rests count; a rest below the
+# second determines the capacity of a record that was above the third. The last is the step of SOC
+# over which a rest's slope is taken.
 EMPTY_SOC, NEAR_EMPTY_SOC, NEAR_FULL_SOC, REST_SLOPE_SOC = 0.05, 0.15, 0.95, 0.01
-# Shares of the capacity that are tried first, with time constants in s for which any do.
+# Shares of the capacity that are tried first, and time constants in s that serve for all of them.
 SHARES, TRIED_S = (1.05, 0.98, 0.9, 0.82, 0.74, 0.66), (10.0, 100.0)
-# A descent ends with a step of less than this share of every standard error. What is left of it is
-# some times that. Its largest step is in a share or in V.
+# The iteration ends when every step is below this share of its standard error; the distance left is
+# a few times that. The largest step is in SOC, as a share, or in V.
 SETTLED, LARGEST_STEP, ROUNDS = 0.05, 0.1, 16
-# An interval that reaches further than this share of the value to either side determines nothing.
+# A value is not determined if its interval extends further than this share of it to either side.
 DETERMINED = {CAPACITY: 0.05, R0: 0.25, R: 0.5}
 
 
 @dataclass(frozen=True)
 class Aged:
-    """One aged quantity with its 95 % interval. `by_ocv` is how far the value is
-    off where the OCV of before is, by one standard deviation at one of its nodes: what all records
-    that are told beside one OCV have in common. `by_shape` has value, standard error and `by_ocv`
-    under every one of `SHAPES_V`, `log_evidence` how probable these make the records.
-    `is_settled` is false where the values still moved when the rounds ended."""
+    """One aged quantity with its 95 % interval. `by_ocv` is the error of the value if the earlier
+    OCV is off by one standard deviation at one of its nodes: it is common to all records evaluated
+    with one OCV. `by_shape` has value, standard error and `by_ocv` under each of `SHAPES_V`,
+    `log_evidence` the log probability of the records under each. `is_settled` is False if the
+    values were still moving when the rounds ended."""
 
     value: float
     low: float
@@ -90,7 +91,7 @@ class Aged:
 
 
 def is_determined(name: str, value: Any, error: Any) -> Any:
-    """True where an interval is narrow enough for its quantity."""
+    """True if an interval is narrow enough for its quantity."""
     is_narrow = name not in DETERMINED or REACH * error < DETERMINED[name] * value
     return (error > 0) & is_narrow
 
@@ -102,17 +103,17 @@ def measure_ageing(
     *,
     is_fitted: bool = False,
 ) -> dict[str, Aged]:
-    """Capacity, start, OCV shift, and R0 and all resistances at `AT_SOC` of the capacity that is
-    found, by name.
+    """Capacity, start, OCV shift, and R0 and the sum of all resistances at `AT_SOC` of the
+    estimated capacity, by name.
 
     Args:
-        prepared_records: Records of one cell at one age, with the OCV that it had before.
+        prepared_records: Records of one cell at one age, with its earlier OCV.
         settings: The bounds and weights of tables.
-        is_fitted: Whether the OCV was identified from these very records, which then determine R0
-            alone, on the capacity that was given.
+        is_fitted: Whether the OCV was identified from these very records, which then determine only
+            R0, on the given capacity.
 
-    What the records do not determine says so, for others may help to; all of it is left out where
-    no capacity fits them.
+    Quantities that the records do not determine are marked so, because other records may determine
+    them; the result is empty if no capacity fits the records.
     """
     given_records = [prepared.unregistered for prepared in prepared_records]
     starts_sd = [*map(_start_sd, given_records)]
@@ -123,11 +124,11 @@ def measure_ageing(
     plain = replace(
         settings, folds=0, max_boxes=0, resistances_follow="none", half_hysteresis=False
     )
-    # A slower pair than a correction of the OCV leaves imitates a capacity.
+    # A pair slower than a correction of the OCV allows for imitates a capacity.
     ranges = box_of(records, plain)
     plain = replace(plain, ocv_correction=False)
     given_soc, count = np.array([prepared.start.soc for prepared in records]), len(records)
-    # What was called full when the OCV was identified.
+    # The SOC called full when the OCV was identified has this error.
     axis_sd = FULL_SD if records[0].cell.ocv_is_fitted else HELD_SD
     steps = len(OCV_NODES) - 1
     sds = [*starts_sd, CAPACITY_SD, SHIFT_SD_V, axis_sd, *[OCV_SD_V] * len(OCV_NODES)]
@@ -147,7 +148,7 @@ def measure_ageing(
     now, moved = best_guess
     objective = reduced_objective(moved, plain, ranges)
     best = find_best(objective)
-    # Of R0, and of the sum of all resistances.
+    # Weights of R0, and of the sum of all resistances.
     at_soc = hats(np.array([AT_SOC]), objective.nodes_of[0])[0]
     weights = np.stack([np.append(at_soc, np.zeros(objective.pairs * len(at_soc))),
                         np.tile(at_soc, 1 + objective.pairs)])  # fmt: skip
@@ -159,7 +160,7 @@ def measure_ageing(
         step = np.clip(averaged.values[: now.size] - now, -LARGEST_STEP, LARGEST_STEP)
         now = now + step
         are_settled = np.abs(step) < SETTLED * averaged.errors[: now.size] + HELD_SD
-        # Steps of the OCV's shape, which nobody is told, go on longest.
+        # Steps of the OCV's shape, which nothing measures, keep moving longest.
         is_settled = bool(np.all(are_settled[: count + 2]))
         if np.all(are_settled):
             break
@@ -177,7 +178,8 @@ def measure_ageing(
 
 
 def _averaged(under: Sequence[Estimated]) -> Estimated:
-    """The estimates under changes of the OCV's shape of all sizes, by their probabilities."""
+    """The estimates averaged over the sizes of the shape change, weighted by their
+    probabilities."""
     evidence = np.array([each.log_evidence for each in under])
     evidence += np.log(SHAPE_ODDS[: len(under)])
     shares = softmax(evidence)
@@ -195,13 +197,13 @@ def _best_guess(
     settings: TableSettings,
     ranges: Mapping[str, Range],
 ) -> tuple[Nuisance, list[PreparedRecord]] | None:
-    """The one that fits best, on the samples that all of them score, with its records; None where
-    none fits."""
+    """The guess with the lowest cost on the samples that all guesses score, with its records; None
+    if no guess is possible."""
     tried = ((guess, moved_to(guess)) for guess in guesses)
     moved = [(guess, records) for guess, records in tried if records is not None]
     if not moved:
         return None
-    # A window in SOC ends elsewhere with another capacity.
+    # The end of a window in SOC depends on the capacity.
     scored = []
     for alike in zip(*(records for _, records in moved), strict=True):
         end = min(len(record.scored) for record in alike)
@@ -223,8 +225,8 @@ def _all_moved(
     starts: Iterable[tuple[float, float]],
     ocv_v: Nuisance | None = None,
 ) -> list[PreparedRecord] | None:
-    """The records with other starts, capacities and OCV; None where one of them cannot be, or has
-    hardly a sample where circuits follow."""
+    """The records with other starts, capacities and OCV; None if one of them is impossible or has
+    too few samples where circuits apply."""
     moved = []
     for prepared, start in zip(records, starts, strict=True):
         shifted = replace(prepared, circuit=CIRCUIT).registered(*start)
@@ -247,15 +249,15 @@ def _ocv_columns(
 def _slope(
     prepared: PreparedRecord, soc: Float[np.ndarray, "samples"], step_soc: float = SLOPE_SOC
 ) -> Float[np.ndarray, "samples"]:
-    """The slope of the OCV over such a step, beside its ends as there."""
+    """The slope of the OCV over a step of SOC, held constant beyond its ends."""
     low, high = prepared.cell.soc_range
     inside = np.clip(soc, max(low, 0.0) + step_soc / 2, min(high, 1.0) - step_soc / 2)
     return prepared.cell.ocv_slope(inside, step_soc)
 
 
 def shows_both_ends(prepared_records: Sequence[PreparedRecord], capacity_ah: float) -> bool:
-    """True where one of the records is full, with the capacity that was found, and rests so near
-    empty that this tells it, however the OCV between has changed."""
+    """True if a record is full, at the identified capacity, and rests so near empty that the rest
+    determines the capacity however the OCV in between has changed."""
     return any(
         rested < NEAR_EMPTY_SOC
         and rested + np.max(prepared.soc - prepared.soc[last]) * prepared.capacity_ah / capacity_ah
@@ -266,7 +268,7 @@ def shows_both_ends(prepared_records: Sequence[PreparedRecord], capacity_ah: flo
 
 
 def _steep_rests(prepared: PreparedRecord) -> Iterator[tuple[int, int, float, float]]:
-    """The first and the last sample of every long rest where the OCV is so steep that it tells the
+    """The first and the last sample of every long rest where the OCV is steep enough to give the
     SOC within `FULL_SD`, that SOC, and the slope."""
     resting = np.abs(prepared.current_a) < prepared.rest_current_a
     for first, last in zip(*runs(resting), strict=True):
@@ -279,8 +281,8 @@ def _steep_rests(prepared: PreparedRecord) -> Iterator[tuple[int, int, float, fl
 
 
 def _rests(prepared_records: Sequence[PreparedRecord], now: Nuisance) -> Measured | None:
-    """The voltages of steep rests, None where there are none. All is as at the SOC that the voltage
-    tells: a wrong capacity may have led to where the OCV is flat."""
+    """The voltages of steep rests; None if there are none. They are linearized at the SOC given by
+    the voltage: a wrong capacity may have led to where the OCV is flat."""
     count, columns, errors_v, slopes = len(prepared_records), [], [], []
     for index, prepared in enumerate(prepared_records):
         for _, last, rested, slope in _steep_rests(prepared):
@@ -292,15 +294,15 @@ def _rests(prepared_records: Sequence[PreparedRecord], now: Nuisance) -> Measure
             slopes.append((slope, 0.0) if rested < 0.5 else (0.0, slope))
     if not columns:
         return None
-    # What is called empty differs as what is called full does, and all rests near it differ alike.
+    # The SOC called empty varies as that called full does, equally for all rests near it.
     common = FULL_SD * np.array(slopes)
     root = np.linalg.cholesky(common @ common.T + REST_SD_V**2 * np.eye(len(columns)))
     return Measured(np.linalg.solve(root, np.array(columns)), np.linalg.solve(root, errors_v))
 
 
 def _start_sd(prepared: PreparedRecord) -> float:
-    """The standard deviation of a start. One that a voltage told moves with a shift of the OCV; one
-    that a steep rest told is told by that rest, with all others."""
+    """The standard deviation of a start. One derived from a voltage moves with a shift of the OCV;
+    one derived from a steep rest is left to that rest, which is fitted with all others."""
     first, row = prepared.first, prepared.start.row
     if prepared.start.soc_source in FROM_VOLTAGE and any(
         prepared.record.row[first + begun] <= row <= prepared.record.row[first + last]
@@ -346,8 +348,8 @@ def _quantities(
 def _numbers(
     of: Estimated, name: str, row: int, at_zero: float, nominal_ah: float
 ) -> tuple[float, ...]:
-    """Value, standard error, and how far the value is off with the OCV of before."""
-    # Its axis and its errors: changes of its shape are this age's own.
+    """Value, standard error, and the error of the value due to the earlier OCV."""
+    # The OCV's axis and its errors: changes of its shape belong to this age alone.
     steps = len(OCV_NODES) - 1
     by_ocv = of.by_prior[row, -steps - len(OCV_NODES) - 1 : -steps]
     value, numbers = at_zero + of.values[row], np.append(of.errors[row], by_ocv)

@@ -1,20 +1,20 @@
-"""A proof that no time constants of a box give tables that fit much better: branch and bound.
+"""A proof that no time constants in a box give tables that fit much better: branch and bound.
 
-In a box of time constants around m the error is e = base + sum_p A_p(u_p) x_p with one u_p for
-all nodes of a table. Two relaxations make that convex. First each node may have a u of its own, so
-that its column is any mixture of the box's. That alone lets sqrt(J) fall in proportion to the
-box's width; so the nodes' freedom is taxed with multipliers mu: as (u_pj - u_p) x_pj is zero for
-every true circuit, J = J + sum mu_pj (u_pj - m_p) x_pj - sum mu_pj (u_p - m_p) x_pj. The least of
-that over the relaxed circuits is concave in (u_p - m_p), so the lowest of its values at the corners
-of the box is a lower bound. With mu the slopes of J at the best circuit of m, nothing of first
-order is lost. Without taxes all corners are one, and far from the best circuit that is mostly
-enough, so it comes first.
+In a box of time constants around m the error is e = base + sum_p A_p(u_p) x_p with one u_p for all
+nodes of a table. Two relaxations make that convex. First, each node may have its own u, so that its
+column is any mixture of the box's. That alone lets sqrt(J) fall in proportion to the box's width;
+so the nodes' freedom is taxed with multipliers mu: as (u_pj - u_p) x_pj is zero for every true
+circuit, J = J + sum mu_pj (u_pj - m_p) x_pj - sum mu_pj (u_p - m_p) x_pj. The minimum of that over
+the relaxed circuits is concave in (u_p - m_p), so the lowest of its values at the corners of the
+box is a lower bound. With mu the slopes of J at the best circuit of m, nothing of first order is
+lost. Without taxes all corners coincide; far from the best circuit that bound is mostly enough, so
+it is tried first.
 
 At a corner, any vectors y, z give J >= 2 (y.e + z.P x) - |y|^2 - |z|^2, linear in x: a bound where
 no x has a negative coefficient, whatever the node's u. Along u that coefficient is the parabola
-through three places up to a remainder that the third derivative bounds. y and z come from a convex
+through three points up to a remainder that the third derivative bounds. y and z come from a convex
 program with both ends' columns; a second one, tilted by what the first lacked, makes the
-coefficients positive. What is still negative is paid for with the largest x that any better circuit
+coefficients positive. Any negative part left is charged with the largest x that a better circuit
 could have, which its penalty limits.
 """
 
@@ -42,30 +42,31 @@ from ..model.descent import Axis, Polished, polish
 from ..model.search_space import Range
 from .objective import Solution, TableObjective
 
-# Width of the first boxes in the logarithm of a time constant: few wider ones have a bound.
+# Width of the first boxes in the logarithm of a time constant: of fewer, wider ones few have a
+# bound.
 FIRST_WIDTH = 0.4
-# A circuit met on the way counts as better from this share of sqrt(J) on.
+# A circuit met on the way counts as better if its sqrt(J) is lower by more than this share.
 BETTER = 1e-9
-# A little more tilt than was lacking, for the second program's own error is another one.
+# A little more tilt than was lacking, because the second program has an error of its own.
 TILT = 1.05
-# Of the squared length of a table's columns: makes mixtures of equal columns unique.
+# Added to the squared length of a table's columns: makes mixtures of equal columns unique.
 RIDGE = 1e-12
-# Convex programs a corner, each tilted by what the last one lacked.
+# Convex programs per corner, each tilted by what the last one lacked.
 PROGRAMS = 3
 
 
 def certify(objective: Any, best: Polished, alone_v: Sequence[float] = (0.0,)) -> Proof[Polished]:
-    """A bound on how far below the best known tables any in the box could be.
+    """A bound on how far below the best known tables any others in the box could be.
 
-    It goes on until that is within `settings.proved_share`, or until `settings.max_boxes` boxes
-    have been looked at; nothing is proved where the first ones would be half of those. `alone_v`
-    are lower bounds of each part of the objective by itself; in every box each is asked for its
-    share of what is enough.
+    Boxes are split until the bound is within `settings.proved_share`, or until `settings.max_boxes`
+    boxes have been examined; nothing is proved if the first boxes would already be half of those.
+    `alone_v` are lower bounds of each part of the objective by itself; in every box each part is
+    asked for its share of the bound that is enough.
     """
     settings, alike = objective.settings, objective.interchangeable
     counts = [math.ceil((axis.high - axis.low) / FIRST_WIDTH) for axis in objective.axes]
     first = first_boxes(objective.axes, counts, alike)
-    # More axes than a proof has the time for.
+    # A proof over more axes would take too long.
     if len(first) > settings.max_boxes / 2:
         return Proof(0.0, 0, best)
     relaxed = [_Relaxation(part) for _, part, _ in objective.parts_at(best)]
@@ -73,7 +74,7 @@ def certify(objective: Any, best: Polished, alone_v: Sequence[float] = (0.0,)) -
     def bound(box: Sequence[Range], enough: float) -> float:
         nonlocal best
         middle = objective.solve(tuple((low + high) / 2 for low, high in box))
-        # A little more, or the sum would miss what is enough by its last bit.
+        # A little more, or rounding could leave the sum short of what is enough.
         wanted, total = (1 + 1e-12) * enough, 0.0
         parts = zip(objective.parts_at(middle), relaxed, alone_v, strict=True)
         for (weight, _, solution), part, least_v in parts:
@@ -86,7 +87,8 @@ def certify(objective: Any, best: Polished, alone_v: Sequence[float] = (0.0,)) -
         if middle.rms_v < best.rms_v * (1 - BETTER):
             met = polish(objective, middle)
             exact = objective.solve(met.log_scales, met.sides, exact=True)
-            # In order, pairs whose resistances have other bounds may fit less well.
+            # Put in order of time constant, pairs whose resistances have different bounds may fit
+            # less well.
             best = min(best, exact, key=lambda end: end.objective_v2)
         return math.sqrt(total)
 
@@ -103,8 +105,8 @@ def certify(objective: Any, best: Polished, alone_v: Sequence[float] = (0.0,)) -
 class _BoxAxis:
     """One axis of a box: its columns at the lower end, the middle and the upper end.
 
-    `tax` are the multipliers of each node's scale, `remainder` bounds on the third derivative's
-    part of y.columns and on its error, for any unit y.
+    `tax` are the multipliers of each node's scale, `remainder` bounds on the contribution of the
+    third derivative to y.columns and on its error, for any unit y.
     """
 
     axis: Axis
@@ -144,9 +146,10 @@ class _Relaxation:
     def bound(
         self, box: Sequence[Range], middle: Solution, objective_v2: float, enough: float
     ) -> float:
-        """A bound for tables with at most `objective_v2`; `middle` are the best of its middle.
+        """A bound for tables with at most `objective_v2`; `middle` are the best tables at the
+        middle of the box.
 
-        No more is done for a bound than it takes to be `enough`; without a chance of that it is 0.
+        Work stops as soon as the bound reaches `enough`; the bound is 0 if it cannot.
         """
         objective = self.objective
         sides = [
@@ -156,8 +159,8 @@ class _Relaxation:
             )
         ]
         fixed = objective.fixed_columns
-        # The first block of a table with an axis is for the box's lower end, another one, after
-        # all tables, for the upper one. The penalty is on their sum.
+        # The first block of a table with an axis is for the box's lower end; a second block, after
+        # all tables, is for the upper end. The penalty is on their sum.
         lower, upper, upper_penalty, ends = dict(fixed), [], [], []
         base, low, high = objective.base, *(limit.copy() for limit in objective.box)
         # Both blocks of every axis that has a table.
@@ -226,7 +229,7 @@ class _Relaxation:
         return lowest
 
     def _dual(self, error, bent, sides: Sequence[_BoxAxis], signs, limits):
-        """The bound on J that an error and a penalty give, and what each axis's slopes lacked."""
+        """The bound on J from an error and a penalty, and the shortfall of each axis's slopes."""
         objective = self.objective
         slope = 2 * (bent @ objective.penalty)
         value = float(2 * error @ objective.base - error @ error - bent @ bent)

@@ -1,4 +1,4 @@
-"""Errors of tables over SOC on blocks or whole records that were held out of their fit."""
+"""Errors of tables over SOC on blocks or whole records held out of their fit."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -27,13 +27,13 @@ from .problem import (
     reduced_objective,
 )
 
-# Fewer records tell no spread.
+# Fewer records give no spread.
 FEWEST_RECORDS = 3
 
 
 @dataclass(frozen=True)
 class SocErrors:
-    """RMSE over all samples that count, and over those above 10 % SOC; None without such."""
+    """RMSE over all scored samples, and over those above 10 % SOC; None if there are none."""
 
     rmse_v: float
     above_v: float | None
@@ -50,22 +50,22 @@ class SocErrors:
 
     @classmethod
     def of_squares(cls, squares_v2: Float[np.ndarray, "2"], counts: Int[np.ndarray, "2"]):
-        """The RMSE of sums of squares below 10 % SOC and above, of so many samples."""
+        """The RMSE from sums of squares below 10 % SOC and above, and their numbers of samples."""
         above_v = float(np.sqrt(squares_v2[1] / counts[1])) if counts[1] else None
         return cls(float(np.sqrt(squares_v2.sum() / counts.sum())), above_v)
 
 
 @dataclass(frozen=True)
 class CrossValidation:
-    """Errors on samples that were held out of the fit, at the time constants of all samples.
+    """Errors on samples held out of the fit, at the time constants fitted to all samples.
 
     Attributes:
         folds: Folds of the blocks.
-        block_s: Length of the blocks of the first record; None of kept records, which are left out
-            whole.
-        tables: Errors of the tables on blocks that were held out of them.
-        by_record: Errors of the tables on each record under load, left out whole: every record,
-            the others too, from its start as given.
+        block_s: Length of the blocks of the first record; None for records stored as factors, which
+            are left out whole.
+        tables: Errors of the tables on blocks held out of them.
+        by_record: Errors of the tables on each record under load, left out whole: each record,
+            including the others, from its start as given.
     """
 
     folds: int
@@ -75,10 +75,11 @@ class CrossValidation:
 
     @property
     def whole(self) -> SocErrors:
-        """The errors to expect on another record of the cell, as far as there is one to tell."""
+        """The errors to expect on another record of the cell, if there are records to estimate them
+        from."""
         if not self.by_record:
             return self.tables
-        # Each record counts alike.
+        # Each record has the same weight.
         above_v = [each.above_v for each in self.by_record if each.above_v is not None]
         rmse_v, *above = (
             float(np.sqrt(np.mean(np.square(errors_v))))
@@ -90,7 +91,8 @@ class CrossValidation:
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Sums of squared held-out errors of every block in V^2 by band, and how many there are."""
+    """Sums of squared held-out errors of every block in V^2 by band, and their numbers of
+    samples."""
 
     squares_v2: Float[np.ndarray, "blocks bands"]
     counts: Int[np.ndarray, "blocks bands"]
@@ -104,15 +106,16 @@ class HeldOut:
 
 
 def cross_validate(objective: TableObjective, best: Solution) -> CrossValidation | None:
-    """The held-out errors of a circuit: of records without samples on each of them, left out whole.
+    """The held-out errors of a circuit: of records stored as factors, on each record left out
+    whole.
 
-    None where nothing is held out, or where all samples lie in one fold.
+    None if nothing is held out, or if all samples lie in one fold.
     """
     groups = _Groups.of(objective, best)
     labels = groups.record if objective.is_of_factors else groups.fold
     if not groups.are_apart(labels):
         return None
-    # An OCV of kept records is told by the others, for there are several.
+    # There are several records, so the OCV of one that is left out comes from the others.
     squares_v2, counts = groups.held_out(labels, has_ocv_of_all=not objective.is_of_factors)
     tables = SocErrors.of_squares(squares_v2.sum(axis=0), counts.sum(axis=0))
     records, block_s, by_record = objective.prepared_records, None, ()
@@ -125,7 +128,8 @@ def cross_validate(objective: TableObjective, best: Solution) -> CrossValidation
 
 
 def _as_given(objective: TableObjective, best: Solution) -> TableObjective:
-    """A copy at the time constants of all, with starts and capacities as they were given."""
+    """A copy at the time constants of all records, with starts and capacities as they were
+    given."""
     records, settings = objective.prepared_records, objective.settings
     if objective.is_of_factors or not any(prepared.window.registration for prepared in records):
         return objective
@@ -140,11 +144,11 @@ def held_out(
     best: Solution,
     numbered: tuple[Sequence[Int[np.ndarray, "simulated"]], int] | None = None,
 ) -> HeldOut | None:
-    """The errors on every block, as `numbered_blocks` has them, by simulation of the tables of the
-    other folds, at the time constants of all; None as `cross_validate` has it.
+    """The errors on every block, numbered as in `numbered_blocks`, by simulation with the tables of
+    the other folds, at the time constants of all; None as in `cross_validate`.
 
-    An OCV of the records' own is fitted to all samples: of a record that is alone nothing else
-    visits the SOC of a block, and the OCV is no question of the circuit.
+    An OCV fitted to the records is fitted to all samples: with a single record nothing else visits
+    the SOC of a block, and the OCV is not part of the choice of circuit.
     """
     records, folds = objective.prepared_records, objective.folds
     groups = _Groups.of(objective, best)
@@ -178,13 +182,14 @@ def _by_record(sums: "Sums") -> tuple[SocErrors, ...]:
     return tuple(SocErrors.of_squares(*record) for record in zip(*sums, strict=True))
 
 
-# Sums of squared errors in V^2 of every record below and above 10 % SOC, and how many there are.
+# Sums of squared errors in V^2 of every record below and above 10 % SOC, and their numbers of
+# samples.
 Sums = tuple[Float[np.ndarray, "records two"], Int[np.ndarray, "records two"]]
 
 
 @dataclass(frozen=True, eq=False)
 class _Groups:
-    """The columns and base errors of the groups of samples, at the best time constants of all."""
+    """The columns and base errors of the groups of samples, at the time constants fitted to all."""
 
     objective: TableObjective
     best: Solution
@@ -195,7 +200,8 @@ class _Groups:
     @classmethod
     def of(cls, objective: TableObjective, best: Solution) -> "_Groups":
         layout, parts = objective.reduced.layout, objective.parts
-        # From those of the factor, each of which adds to few: by one sparse product for each group.
+        # Built from the groups of the factor, each of which adds to few of these: one sparse
+        # product per group.
         finest = parts[0].layout
         unit = Reduced(finest, 1, np.eye(finest.width))
         unit = unit.coarser(layout.nodes, layout.has_correction)
@@ -216,13 +222,13 @@ class _Groups:
         return np.arange(len(self.scored)) // 2 % self.objective.folds
 
     def are_apart(self, labels: Int[np.ndarray, "groups"]) -> bool:
-        """True where something can be held out: samples are in groups of several labels."""
+        """True if something can be held out: samples are in groups with several labels."""
         return bool(self.objective.settings.folds) and len(np.unique(labels[self.scored > 0])) > 1
 
     def normal(
         self, scored: Int[np.ndarray, "groups"]
     ) -> tuple[Float[np.ndarray, "unknowns unknowns"], Float[np.ndarray, "unknowns"]]:
-        """The normal equations of groups of so many samples."""
+        """The normal equations of groups with these numbers of samples."""
         normal = self.objective.penalty_normal.copy()
         gradient = np.zeros(len(normal))
         for at in np.flatnonzero(scored).tolist():
@@ -232,22 +238,22 @@ class _Groups:
         return normal, gradient
 
     def fitted_to(self, is_in: Bool[np.ndarray, "groups"]) -> Float[np.ndarray, "unknowns"]:
-        """The unknowns that fit some groups best."""
+        """The unknowns that fit the selected groups best."""
         equations = self.normal(np.where(is_in, self.scored, 0))
         return least_in_box(*equations, *self.objective.box, self.best.sides)[0]
 
     def without(
         self, labels: Int[np.ndarray, "groups"], has_ocv_of_all: bool = False
     ) -> Iterator[Float[np.ndarray, "unknowns"]]:
-        """Of every label, the unknowns that fit the groups of all others best, an OCV of the
-        records' own all of them if asked."""
+        """For every label, the unknowns that fit the groups of all other labels best; optionally
+        with an OCV fitted to all groups."""
         for label in range(int(labels.max()) + 1):
             x = self.fitted_to(labels != label)
             is_of_all = has_ocv_of_all and OCV in self.objective.names
             yield self._with_ocv_of_all(x) if is_of_all else x
 
     def _with_ocv_of_all(self, x: Float[np.ndarray, "unknowns"]) -> Float[np.ndarray, "unknowns"]:
-        """The unknowns with the OCV that fits all samples best beside these resistances."""
+        """The unknowns with the OCV that fits all samples best with these resistances."""
         objective = self.objective
         (normal, gradient), (low, high) = self.normal(self.scored), objective.box
         ocv = objective.block(objective.names.index(OCV))
@@ -277,12 +283,12 @@ class _Groups:
 def with_spread(
     objective: TableObjective, best: Solution, intervals: Sequence[NodeInterval]
 ) -> tuple[NodeInterval, ...]:
-    """The intervals of nodes with those of what another record of the cell would show.
+    """The intervals of nodes, extended to what another record of the cell would give.
 
-    They follow from the spread of the records' own tables, at the time constants of all: the mean
-    and t s sqrt(1 + 1 / n) of at least three records that visit a node, and at least as far as the
-    joint interval. A record's own interval is far narrower than what another load of the same cell
-    shows.
+    They come from the spread of tables fitted to each record, at the time constants of all: the
+    mean and t s sqrt(1 + 1 / n) of at least three records that visit a node, and never narrower
+    than the joint interval. The interval from a single record is far narrower than the difference
+    between loads of the same cell.
     """
     records = objective.prepared_records
     by_record = objective.is_of_factors or are_left_out_whole(objective.prepared_records)
@@ -304,7 +310,7 @@ def with_spread(
             weights = mean_weights(objective, interval.name)
         else:
             return interval
-        # A mean is moved as far as over the nodes that the record visits.
+        # A mean over SOC moves as it does over the nodes that the record visits.
         seen = weights * is_there
         shares = seen.sum(axis=1) / weights.sum()
         moved = np.sum(seen * (values - joint), axis=1)[shares > 0] / shares[shares > 0]
@@ -316,12 +322,12 @@ def with_spread(
         middle, least = float(np.mean(separate)), 0.0 if is_resistance(interval.name) else -np.inf
         low, high = max(middle - reach, least), middle + reach
         if objective.is_of_factors:
-            # Nothing else is known of the joint value than what the records make of it.
+            # Nothing else is known about the joint value than the records' own values.
             error = float(np.std(separate, ddof=1)) / len(separate) ** 0.5
             both = reach / (len(separate) + 1) ** 0.5
             ends = float(max(interval.value - both, least)), float(interval.value + both)
             interval = replace(interval, standard_error=error, low=ends[0], high=ends[1])
-        # What all records leave open, another one can show too.
+        # What all records leave open, another record may have too.
         low = min(low, low if interval.low is None else interval.low)
         high = max(high, high if interval.high is None else interval.high)
         return replace(interval, record_low=low, record_high=high)

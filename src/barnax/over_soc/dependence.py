@@ -1,7 +1,8 @@
-"""Resistances that follow the cell's temperature, its own heat, the current or its direction.
+"""Resistances that depend on the cell's temperature, its self-heating, the current or its
+direction.
 
-The numbers of a `Dependence` have no grid as time constants have. One Gauss-Newton step from none
-tells what each could gain; further steps follow in the logarithms of the numbers and of all time
+The numbers of a `Dependence` have no grid as time constants have. One Gauss-Newton step from zero
+estimates what each could gain; further steps are in the logarithms of the numbers and of all time
 constants, with the best tables at each.
 """
 
@@ -24,32 +25,32 @@ from .intervals import linearized, with_penalty
 from .objective import Solution, TableObjective
 from .problem import find_best, reduced_objective
 
-# Temperatures that move by less than this tell nothing of what follows them.
+# Temperatures that vary by less than this determine no dependence on them.
 LEAST_SPREAD_K = 1.0
 # A first step has to promise more than this share of sqrt(J). A hysteresis that the records hardly
-# show looks like resistances that differ with the direction by a little.
+# excite looks like resistances that differ slightly with the direction.
 PROMISING = {"temperature": 0.01, "heating": 0.01, "current": 0.01, "direction": 0.3}
-# Self-heating is tried with these time constants, by this exponent at its largest.
+# Self-heating is tried with these time constants, and this exponent at its largest.
 HEATING_TAUS_S, TRIED_EXPONENT = (300.0, 1000.0, 3000.0), 0.3
-# Resistances on charge are tried so many times as large as on discharge, and as small.
+# Ratio of resistances on charge to those on discharge that is tried, and its inverse.
 TRIED_RATIO = 1.2
-# So much of the charge moves in either direction where records tell them apart.
+# The least share of the charge in either direction for records to distinguish the two.
 LEAST_SHARE = 0.01
-# Limits of the first step, in multiples of what is tried: it extrapolates a straight line.
+# Limits of the first step, in multiples of the trial: it extrapolates a straight line.
 FEWEST, MOST = 0.05, 4.0
-# Most steps, the gain as a share of J that ends them, the furthest move of a logarithm in one, and
-# the part of a step that is tried again after one uphill.
+# Maximum number of steps, the gain as a share of J that ends them, the largest move of a logarithm
+# in one step, and the part of a step that is tried again after one uphill.
 ROUNDS, SETTLED, FURTHEST, BACK = 6, 1e-3, 1.0, 0.3
-# Long records are thinned in a step to about this many samples.
+# Long records are thinned to about this many samples per step.
 ENOUGH = 20_000
 
 
 def laws_for(prepared_records: Sequence[PreparedRecord]) -> tuple[str, ...]:
-    """The laws of resistances beside SOC that some records can determine.
+    """The resistance laws beyond SOC that the records can determine.
 
-    Within one record a cell gets warmer and emptier together, so that its own heat needs several,
-    as does the current where no temperature is measured. With an OCV test a switched hysteresis
-    looks like resistances that differ with the direction.
+    Within one record a cell gets warmer and emptier together, so its self-heating needs several
+    records, and so does the current if no temperature is measured. With an OCV test a switched
+    hysteresis looks like resistances that differ with the direction.
     """
     is_measured = _spread_k(prepared_records) >= LEAST_SPREAD_K
     kinds = ("temperature", "current") if is_measured else ("heating", "current")
@@ -75,10 +76,10 @@ def propose(
     """A further dependence of resistances, from the best tables without it, and the logarithms of
     the time constants with it.
 
-    `what` is "temperature" where that was measured, "heating", "current" or "direction". None where
-    a first step promises too little, unless it is asked for.
+    `what` is "temperature" if it was measured, "heating", "current" or "direction". None if a first
+    step promises too little, unless the dependence is asked for.
 
-    Raises `InputError` where a temperature is asked for and not measured.
+    Raises `InputError` if a temperature dependence is asked for and no temperature was measured.
     """
     records = objective.prepared_records
     law = records[0].dependence
@@ -101,7 +102,7 @@ def propose(
 
 
 def _trials(records: Sequence[PreparedRecord], what: str, is_asked: bool) -> list[Dependence]:
-    """Dependences of moderate strength, to be tried."""
+    """Dependences of moderate strength to try."""
     if what == "current":
         largest_a = max(float(np.max(np.abs(prepared.current_a))) for prepared in records)
         return [Dependence(onset_a=largest_a)]
@@ -134,27 +135,28 @@ def _trials(records: Sequence[PreparedRecord], what: str, is_asked: bool) -> lis
             )
     if not is_asked and _spread_k(records) < LEAST_SPREAD_K:
         return []
-    # That of the tables too, where they are of several temperatures.
+    # Includes the temperature of the tables if they are for several temperatures.
     degc = [one.temperature_degc for one in records if one.temperature_degc is not None]
     middle_degc = float(np.mean(degc))
     return [Dependence(beta_per_k=arrhenius_beta(middle_degc), reference_degc=middle_degc)]
 
 
 def _least_share(records: Sequence[PreparedRecord]) -> float:
-    """The share of the charge that moves in the direction in which less does."""
+    """The share of the charge moved in the direction with the smaller share."""
     held_a = np.concatenate([prepared.held_a for prepared in records])
     charged = -float(np.sum(held_a[held_a < 0])) / max(float(np.sum(np.abs(held_a))), 1e-300)
     return min(charged, 1 - charged)
 
 
 def _spread_k(records: Sequence[PreparedRecord]) -> float:
-    """The largest range of the measured temperature within a record; zero if one has none."""
+    """The largest range of the measured temperature within a record in K; zero if a record has
+    none."""
     measured = [one.measured_degc for one in records if one.measured_degc is not None]
     return max(float(np.ptp(degc)) for degc in measured) if len(measured) == len(records) else 0.0
 
 
 def _joined(law: Dependence | None, other: Dependence) -> Dependence:
-    """The dependence on both."""
+    """The combination of both dependences."""
     if law is None:
         return other
     reference_degc = law.reference_degc if BETA in law.numbers else other.reference_degc
@@ -164,7 +166,7 @@ def _joined(law: Dependence | None, other: Dependence) -> Dependence:
 
 
 def _scaled(tried: Dependence, share: float, what: str) -> Dependence:
-    """The trial so many times as strong."""
+    """The trial scaled to `share` times its strength."""
     name = {"temperature": BETA, "heating": KAPPA, "current": ONSET, "direction": CHARGE}[what]
     number = tried.numbers[name]
     if what == "direction":
@@ -176,8 +178,8 @@ def _scaled(tried: Dependence, share: float, what: str) -> Dependence:
 def polished(
     objective: TableObjective, start: Solution, first: Dependence
 ) -> tuple[Dependence, LogScales]:
-    """The dependence where steps of Gauss and Newton end, in its numbers and all time constants,
-    and the logarithms of these."""
+    """The dependence at which Gauss-Newton steps end, in its numbers and all time constants, and
+    the logarithms of these."""
     axes, names = objective.axes, list(first.numbers)
     count, open_ended = len(axes), [np.inf] * len(names)
     low = np.array([*(axis.low for axis in axes), *np.negative(open_ended)])
@@ -191,7 +193,7 @@ def polished(
         tried = np.clip(scales + step, low, high)
         numbers = dict(zip(names, np.exp(tried[count:]).tolist(), strict=True))
         law = first.with_numbers(numbers)
-        # Its factors are still without.
+        # The factors do not contain the dependence yet.
         records = [prepared.following(law) for prepared in objective.prepared_records]
         here = replace(objective, prepared_records=records)
         log_scales = tuple(tried[:count].tolist())
@@ -213,9 +215,10 @@ def polished(
 
 @dataclass(frozen=True, eq=False)
 class _Normal:
-    """The mean products of an objective's columns of tables, of slopes, and of the base error.
+    """Mean products of an objective's columns of tables, of slopes, and of the base error.
 
-    The slopes are by all scales and by a dependence's numbers, then the differences of trials.
+    The slopes are with respect to all scales and a dependence's numbers, then the differences made
+    by trials.
     """
 
     objective: TableObjective
@@ -246,7 +249,7 @@ class _Normal:
         return cls(objective, products / samples)
 
     def solved(self, log_scales: tuple[float, ...], sides: Int[np.ndarray, "_"]) -> Solution:
-        """The best tables at these scales; their errors are not known."""
+        """The best tables at these scales; their errors are not computed."""
         objective, to_tables = self.objective, self.objective.to_tables
         block = slice(len(to_tables))
         normal = to_tables.T @ self.products[block, block] @ to_tables + objective.penalty_normal
@@ -263,8 +266,8 @@ class _Normal:
         pull: Float[np.ndarray, "slopes"] | float = 0.0,
         pulled: Float[np.ndarray, "slopes"] | float = 0.0,
     ) -> tuple[Float[np.ndarray, "slopes"], float]:
-        """The best step along some slopes, all tables following within their bounds, and by how
-        much it promises to lower J. `pull` is half the curvature of what else is added to J, and
+        """The best step along some slopes, with all tables readjusted within their bounds, and the
+        reduction of J that it promises. `pull` is half the curvature of any term added to J, and
         `pulled` half its slope."""
         ways = self.objective.ways(at)
         count, free = ways.shape

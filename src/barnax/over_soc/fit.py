@@ -1,4 +1,4 @@
-"""Tables identified from prepared records, and all that is said of them."""
+"""Tables identified from prepared records, with their intervals, errors and warnings."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -33,20 +33,21 @@ from .problem import BOTH_WAYS_SOC, HELD_GAMMA, find_best, least_travel_soc, red
 from .settings import TableSettings
 
 Status = Literal["certified", "grid-verified", "unverified"]
-# A table of which more nodes than this were not visited is mostly extrapolated.
+# A table with a larger share of its nodes unvisited than this is mostly extrapolated.
 MOSTLY = 0.5
-# Where all samples leave so much more than those above 10 % SOC, most of the error is below it.
+# If the error of all samples exceeds that above 10 % SOC by more than this factor, most of it is
+# below 10 %.
 LEFT_BELOW = math.sqrt(2)
 
 
 @dataclass(frozen=True)
 class OcvCompared:
-    """An OCV of the records' own in place of an OCV test, fitted at the same time constants.
+    """An OCV fitted to the records compared with an OCV test, at the same time constants.
 
     Attributes:
-        median_v: How far it is from the test's, the median from 10 to 90 % SOC where visited.
-        largest_v: Own minus test, where that is largest.
-        largest_soc: Where that is.
+        median_v: Median distance from the test's OCV, from 10 to 90 % SOC where visited.
+        largest_v: Fitted minus test OCV where the difference is largest.
+        largest_soc: SOC of that difference.
     """
 
     median_v: float
@@ -64,21 +65,21 @@ class TableFit(Brief):
         errors: Errors on each record, by scan.
         tau_ranges_s: The box of time constants.
         lower_bound_v: No tables with time constants in the box have a smaller sqrt(J).
-        status: "certified" where that is within the share asked for, else "grid-verified", as with
-            resistances that follow more than SOC, for whose numbers nothing is proved;
-            "unverified" where the bounds are too wide for a grid.
-        boxes: Boxes of time constants that the proof took.
+        status: "certified" if that is within the requested share, else "grid-verified", as for
+            resistances that depend on more than SOC, since nothing is proved about the numbers of
+            the law; "unverified" if the bounds are too wide for a grid.
+        boxes: Boxes of time constants in the proof.
         at_bound: Time constants at a bound.
-        parameters: Number of values that samples visit and of searched constants.
+        parameters: Number of visited values and of searched constants.
         intervals: 95 % intervals of visited nodes, then of searched constants.
         cross_validation: Errors on blocks held out.
-        warnings: What is doubtful, with what to do.
-        ocv_compared: What an OCV of the records' own gives, beside that of an OCV test.
-        means: Every table's mean over the visited SOC above 10 %, by length of SOC, with its 95 %
-            interval, but not an OCV's; then sums such as "R1 + R2" of pairs that have nearly one
-            time constant.
-        of_offset: What an offset of the current would do that one record cannot tell from an OCV of
-            its own.
+        warnings: Doubtful results, each with a remedy.
+        ocv_compared: An OCV fitted to the records compared with that of an OCV test.
+        means: The mean of every table except an OCV over the visited SOC above 10 %, weighted by
+            length of SOC, with its 95 % interval; then sums such as "R1 + R2" of pairs with nearly
+            the same time constant.
+        of_offset: Effect of an offset of the current that one record cannot distinguish from its
+            fitted OCV.
     """
 
     tables: CircuitParameters
@@ -104,30 +105,31 @@ class TableFit(Brief):
 
     @property
     def is_over_soc(self) -> bool:
-        """False where resistances have one value at every SOC: the OCV alone is a table, if any."""
+        """False if resistances have one value at every SOC: at most the OCV is a table."""
         return len(self.tables.nodes) > 1 or not (self.tables.is_constant or self.of_table(OCV))
 
     @property
     def determines_rate(self) -> bool:
-        """True where the records determine the rate of a hysteresis, with an interval."""
+        """True if the records determine the rate of a hysteresis, with an interval."""
         return any(one.name == RATE and one.low is not None for one in self.intervals)
 
     def of_table(self, name: str) -> tuple[NodeInterval, ...]:
-        """The intervals of one table, by rising SOC."""
+        """The intervals of one table, in order of rising SOC."""
         return tuple(node for node in self.intervals if node.name == name and node.soc is not None)
 
     @cached_property
     def are_of_another_record(self) -> bool:
-        """True where intervals say what another record of the cell would show."""
+        """True if intervals are those to expect on another record of the cell."""
         return any(one.record_low is not None for one in (*self.intervals, *self.means))
 
     @cached_property
     def facts(self) -> tuple[Fact, ...]:
-        """Every number of the fit once: the nodes of its tables, what has one value at every SOC,
-        of a constant circuit with its capacitances, the means, and the nodes of a fitted OCV.
+        """Every number of the fit once: the nodes of its tables, constants that have one value at
+        every SOC, with the capacitances of a constant circuit, the means, and the nodes of a fitted
+        OCV.
 
-        The interval of a number over SOC is the one that every output shows: what another record of
-        the cell would show, where the records tell it."""
+        Numbers over SOC have the interval that every output shows: the one to expect on another
+        record of the cell, if there are enough records for it."""
         intervals = {(one.name, one.soc): one for one in self.intervals}
         tables = self.tables
         visited = tables.visited or (True,) * len(tables.nodes)
@@ -156,7 +158,7 @@ class TableFit(Brief):
 
     @property
     def visited_nodes(self) -> list[float]:
-        """The nodes of tables that samples visit; without tables those of a fitted OCV."""
+        """The nodes of tables that samples visit; without tables, those of a fitted OCV."""
         tables = self.tables
         if not self.is_over_soc:
             return [node.soc or 0.0 for node in self.of_table(OCV)]
@@ -164,13 +166,13 @@ class TableFit(Brief):
 
     @property
     def mean_soc(self) -> tuple[float, float] | None:
-        """The range of SOC that means are over; None of a constant circuit."""
+        """The range of SOC that means are taken over; None for a constant circuit."""
         soc = self.visited_nodes
         return (max(soc[0], min(ABOVE_SOC, soc[-1])), soc[-1]) if soc else None
 
     @property
     def constant_facts(self) -> list[Fact]:
-        """The facts that do not depend on SOC, without the numbers of a resistance law."""
+        """The facts that do not depend on SOC, except the numbers of a resistance law."""
         law = self.tables.dependence
         numbers = set() if law is None else set(law.numbers)
         constants = (fact for fact in self.facts if fact.soc is None and not fact.is_mean)
@@ -178,7 +180,7 @@ class TableFit(Brief):
 
     def _fact(self, node: NodeInterval, is_assessed: bool = True, **changed: Any) -> Fact:
         if self.tables.is_constant:
-            # What is held has neither an error nor an end.
+            # A held value has neither an error nor an interval.
             is_assessed = node.standard_error > 0 or node.high is not None
         is_over_soc = node.soc is not None or "is_mean" in changed
         shown = node.on_another_record if self.are_of_another_record and is_over_soc else node
@@ -189,7 +191,7 @@ class TableFit(Brief):
 def fit_tables(
     prepared_records: Sequence[PreparedRecord], settings: TableSettings | None = None
 ) -> TableFit:
-    """The best tables over SOC for one or several prepared records of one cell and circuit.
+    """The best tables over SOC for one or more prepared records of one cell and circuit.
 
     The time constants are searched; for each candidate, all tables are the exact optimum of a
     bounded least-squares problem. The source voltage is that of the circuit: the average OCV for
@@ -217,9 +219,9 @@ def fit_of(
     intervals: Sequence[NodeInterval] | None = None,
     errors: tuple[SocErrors, ...] | None = None,
 ) -> TableFit:
-    """The fit of proved tables, with errors, intervals and warnings. Its errors are on other
-    records than those of the objective where these have another OCV; for records without samples,
-    `intervals` and `errors` are given."""
+    """The fit of proved tables, with errors, intervals and warnings. Errors are computed on
+    `prepared_records` if these differ from the objective's by their OCV; for records stored as
+    factors, `intervals` and `errors` are given."""
     settings, best = objective.settings, proof.best
     tables = objective.tables_at(best)
     nodes = intervals_of(objective, best) if intervals is None else intervals
@@ -242,7 +244,7 @@ def fit_of(
         if axis.high > axis.low
     )
     taus_s = tuple(limits for name, limits in objective.ranges.items() if name != RATE)
-    # What resistances follow is not in the box of the proof.
+    # The proof's box does not include the numbers of a resistance law.
     is_enough = proof.lower_bound_v >= (1 - settings.proved_share) * best.rms_v
     is_certified = is_enough and tables.dependence is None
     fit = TableFit(
@@ -265,10 +267,10 @@ def fit_of(
 
 
 def _undetermined(objective: TableObjective, errors: Sequence[SocErrors]) -> set[tuple[str, float]]:
-    """The nodes of a nearly empty cell, by table, at which nothing but smoothing and the circuit
-    tells a value: of R0 those that no step of the current is near; of an OCV of the records' own
-    those without a long rest, where no circuit follows the loads, and the next one above, of whose
-    samples half are below it."""
+    """The nodes of a nearly empty cell, by table, whose values are determined only by smoothing and
+    the circuit: for R0, those without a current step nearby; for a fitted OCV, those without a long
+    rest, where the circuit does not model the loads, and the next one above, half of whose samples
+    are below it."""
     undetermined, telling = set(), {OHMIC}
     if any(one.above_v and one.rmse_v > LEFT_BELOW * one.above_v for one in errors):
         telling.add(OCV)
@@ -286,8 +288,8 @@ def _undetermined(objective: TableObjective, errors: Sequence[SocErrors]) -> set
 def _as_stored(
     objective: TableObjective, tables: CircuitParameters, intervals: Sequence[NodeInterval]
 ) -> Iterator[NodeInterval]:
-    """The intervals, of resistances also at those stored nodes that lie between nodes of the fit,
-    and of a fitted OCV not from that of the cell on."""
+    """The intervals: for resistances also at stored nodes between those of the fit, and for a
+    fitted OCV in volts, not relative to the objective's cell."""
     level_v = {}
     if OCV in objective.names:
         nodes = objective.nodes_of[objective.names.index(OCV)]
@@ -302,8 +304,8 @@ def _as_stored(
 
 
 def with_level_ends(fit: TableFit, prepared_records: Sequence[PreparedRecord]) -> TableFit:
-    """The fit with tables and intervals that are level beyond the nodes next to which records have
-    scored samples: there, the penalty alone would take them straight on."""
+    """The fit with tables and intervals that are constant beyond the nodes next to scored samples:
+    there, the penalty alone would extrapolate them linearly."""
     nodes, span = np.array(fit.tables.nodes), visited_soc(prepared_records)
     beside = nodes[fit.tables.nodes_beside(*span)]
     last = dict(zip(nodes.tolist(), beside.tolist(), strict=True))
@@ -324,7 +326,7 @@ def visited_soc(prepared_records: Sequence[PreparedRecord]) -> tuple[float, floa
 def pooled_errors(
     prepared_records: Sequence[PreparedRecord], tables: CircuitParameters
 ) -> SocErrors:
-    """The errors of tables on records together, by scan."""
+    """The errors of tables on all records together, by scan."""
     return SocErrors.of(
         (error_v[prepared.scored[here]], prepared.soc[here][prepared.scored[here]])
         for prepared in prepared_records
@@ -375,9 +377,9 @@ def _warnings(objective: TableObjective, fit: TableFit) -> tuple[Notice, ...]:
 
 
 def _bound_warning(bound: AtBound, value: float, settings: TableSettings) -> Notice:
-    """The notice of a constant that a bound sets."""
+    """The notice for a constant at a bound."""
     side = bound.side if bound.name.startswith("tau") else None
-    # A capacity only names the axis of an OCV of the records' own.
+    # A capacity only scales the axis of a fitted OCV.
     is_fitted = settings.ocv_nodes is not None
     correction = "true" if settings.ocv_correction and not is_fitted else None
     words = {"side": side, "correction": correction, "check": "own" if is_fitted else None}

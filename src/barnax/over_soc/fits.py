@@ -1,4 +1,4 @@
-"""Tables over SOC as results have them: of one temperature or of several, and what to beware of."""
+"""Tables over SOC as stored in results, at one temperature or several, and their warnings."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -25,23 +25,24 @@ from .fit import TableFit, visited_soc
 from .node_interval import NodeInterval, parts_of
 from .settings import TableSettings, table_name
 
-# The OCV of a test and that of records lie apart by 3 to 20 mV at 25 degC; a capacity 10 % off, or
-# another cell's test, makes it 32 to 77. In the cold it is up to 40 with the right test, for no OCV
-# tells what relaxes slower than the time constants reach: 12 to 17 % of the drop over all
-# resistances, of which a wrong test makes 24 to 68 %.
-# A correction that is not determined is said from the last on.
+# The OCV of a test and that fitted to records differ by 3 to 20 mV at 25 degC; a capacity 10 % off,
+# or another cell's test, makes it 32 to 77. In the cold the difference reaches 40 with the right
+# test, because a fitted OCV absorbs whatever relaxes more slowly than the slowest time constant: 12
+# to 17 % of the drop over all resistances; with a wrong test it is 24 to 68 %. Above the last limit
+# a correction that is not determined is reported.
 DISAGREES_V, DISAGREES_SHARE, OVERRULED_V = 0.03, 0.2, 0.05
 R0 = OHMIC
-# What stands for a table where there is room for one value.
+# SOC at which a table is shown if there is room for one value only.
 MIDDLE_SOC = 0.5
 
 
 @dataclass(frozen=True)
 class LeftOut:
-    """Errors of one temperature, predicted by the tables of the others.
+    """Errors at one temperature, predicted from the tables of the others.
 
-    `errors` are of the prediction, `identified` of the tables identified there. `is_between` says
-    whether the temperature lies between others: else the nearest one's tables are taken.
+    `errors` are those of the prediction, `identified` those of the tables identified there.
+    `is_between` is True if the temperature lies between others; otherwise the nearest one's tables
+    are used.
     """
 
     temperature_degc: float
@@ -52,8 +53,9 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class Reversal:
-    """A node at which a resistance surely falls from one temperature to the next, and surely rises
-    elsewhere; `values_ohm` are those at every temperature, from cold to warm."""
+    """A node at which a resistance significantly falls from one temperature to the next, and
+    significantly rises elsewhere; `values_ohm` are its values at every temperature, from cold to
+    warm."""
 
     name: str
     soc: float
@@ -62,11 +64,11 @@ class Reversal:
 
 @dataclass(frozen=True)
 class OverTemperature:
-    """Tables at several temperatures taken together, from cold to warm.
+    """Tables at several temperatures fitted together, from cold to warm.
 
-    J is the mean of each temperature's own, by its scored samples; `objective_v` is sqrt(J).
-    `separate_v` is what time constants of its own for each temperature would leave, and
-    `lower_bound_v` what no shared ones could fall below.
+    J is the mean of the temperatures' objectives, weighted by scored samples; `objective_v` is
+    sqrt(J). `separate_v` is the value with separate time constants for each temperature, and
+    `lower_bound_v` a lower bound for shared ones.
     """
 
     temperatures_degc: tuple[float, ...]
@@ -82,13 +84,13 @@ class OverTemperature:
         return max(0.0, 1 - self.lower_bound_v / self.objective_v) if self.objective_v else 0.0
 
     def measured_near(self, temperature_degc: float) -> float | None:
-        """The measured temperature within `SAME_DEGC` of one, None without such."""
+        """The measured temperature within `SAME_DEGC` of one; None if there is none."""
         nearest = min(self.temperatures_degc, key=lambda degc: abs(degc - temperature_degc))
         return nearest if abs(nearest - temperature_degc) <= SAME_DEGC else None
 
     def like(self, temperature_degc: float) -> tuple[LeftOut, ...]:
-        """The temperatures left out that were predicted as this one is: from both sides, or from
-        one; all of them where none was."""
+        """The left-out temperatures predicted in the same way as this one: from both sides, or from
+        one; all of them if there are none."""
         ends = self.temperatures_degc[0], self.temperatures_degc[-1]
         is_between = ends[0] < temperature_degc < ends[1]
         alike = tuple(left for left in self.left_out if left.is_between == is_between)
@@ -97,19 +99,19 @@ class OverTemperature:
 
 @dataclass(frozen=True)
 class TableFits:
-    """Tables over SOC: of one temperature, or from cold to warm of several; a constant circuit as
-    one table of one node.
+    """Tables over SOC: at one temperature, or from cold to warm at several; a constant circuit is a
+    table with one node.
 
-    Those of several have the same time constants; what is proved of each is against time constants
-    of its own.
+    Tables at several temperatures share their time constants; each one's proof is against separate
+    time constants.
 
     Attributes:
         fits: The tables, one set for each temperature, from cold to warm.
-        over_temperature: The temperatures, None for a single set.
-        settings: How they were fitted.
-        by_soc: Their errors by SOC.
-        hold_shift_ohm: How much more every R0 would be if a sample's current flowed on its other
-            side, where that is assumed.
+        over_temperature: Results over all temperatures; None for a single set of tables.
+        settings: Settings of the fit.
+        by_soc: Errors of the tables by SOC.
+        hold_shift_ohm: The increase of every R0 if a sample's current flowed on its other side,
+            where the side is assumed.
     """
 
     fits: Annotated[tuple[TableFit, ...], Field(min_length=1)]
@@ -123,7 +125,7 @@ class TableFits:
 
     @property
     def over(self) -> Literal["ocv", "soc", "soc,temperature"] | None:
-        """The coordinates of the tables, "ocv" where the OCV alone is one; None of a constant
+        """The coordinates of the tables, "ocv" if only the OCV is tabulated; None for a constant
         circuit.
         """
         if self.over_temperature is not None:
@@ -150,29 +152,29 @@ class TableFits:
 
     @property
     def temperatures_degc(self) -> tuple[float, ...]:
-        """The temperatures from cold to warm; none where there is one only."""
+        """The temperatures from cold to warm; empty if there is only one."""
         return self.over_temperature.temperatures_degc if self.over_temperature else ()
 
     @property
     def reference_degc(self) -> float | None:
-        """The temperature nearest to `REFERENCE_DEGC`, None where there is one only."""
+        """The temperature nearest to `REFERENCE_DEGC`; None if there is only one."""
         nearest = sorted(self.temperatures_degc, key=lambda degc: abs(degc - REFERENCE_DEGC))
         return nearest[0] if nearest else None
 
     @property
     def by_degc(self) -> list[tuple[float | None, TableFit]]:
-        """Every temperature with its tables; None stands for that of the only ones."""
+        """Every temperature with its tables; the temperature is None if there is only one set."""
         return [*zip(self.temperatures_degc or (None,), self.fits, strict=True)]
 
     @cached_property
     def tables(self) -> TemperatureTables | None:
-        """The tables over temperature, None where they are of one."""
+        """The tables over temperature; None if they are for one temperature."""
         degc, tables = self.temperatures_degc, tuple(fit.tables for fit in self.fits)
         return TemperatureTables(degc, tables) if degc else None
 
     def at(self, temperature_degc: float) -> CircuitParameters:
-        """The tables at a temperature: the measured ones within `SAME_DEGC`, else what lies
-        between; the only ones where they are of one temperature."""
+        """The tables at a temperature: the measured ones within `SAME_DEGC`, otherwise
+        interpolated; the only ones if there is one temperature."""
         if self.over_temperature is None or self.tables is None:
             return self.fits[0].tables
         near = self.over_temperature.measured_near(temperature_degc)
@@ -183,15 +185,15 @@ class TableFits:
         return evaluate(prepared, self.of(prepared))
 
     def of(self, prepared: PreparedRecord) -> CircuitParameters:
-        """The tables at a record's temperature. Raises `InputError` where that is needed and not
-        known."""
+        """The tables at a record's temperature. Raises `InputError` if that is needed and
+        missing."""
         if self.over_temperature is None:
             return self.fits[0].tables
         return self.at(require_temperature(prepared))
 
     @property
     def named_ohm(self) -> dict[str, float]:
-        """The mean of every pair's resistance, as `mean_ohm` has it."""
+        """The mean of every pair's resistance, as in `mean_ohm`."""
         pairs = self.fits[0].tables.resistances[1:]
         return {name: self.mean_ohm(name) for name in pairs}
 
@@ -201,25 +203,25 @@ class TableFits:
         return float(np.mean([mean.value for mean in means]))
 
     def other_sampling(self, records: Sequence[PreparedRecord]) -> Resampling | None:
-        """The change of the mean resistances under the other sampling of the current, where it is
-        open in the records that the tables were fitted to."""
+        """The change of the mean resistances under the other sampling of the current, if that is
+        undetermined in the records that the tables were fitted to."""
         return resampling(records, self.fits[0].tables, self.named_ohm)
 
     def least_r0_shares(self, records: Sequence[PreparedRecord]) -> dict[str, float]:
-        """By what share of itself R0 may be less, with a pair in it that the samples would not
-        show; nothing within bounds of R0 that somebody gave."""
+        """The share by which R0 may be smaller, if it contains a pair too fast for the samples to
+        resolve; empty if the user gave bounds of R0."""
         return {} if R0 in self.settings.ranges else {R0: least_r0_share(records) - 1}
 
     def spanning(
         self, shifts_ohm: Sequence[float], shares: Mapping[str, float] | None = None
     ) -> "TableFits":
-        """A copy with intervals extended by R0 off by some ohms, and by resistances off by shares
-        of themselves, which are equally possible."""
+        """A copy with intervals extended by shifts of R0 in ohms, and by relative shifts of
+        resistances, all equally possible."""
         shares = shares or {}
 
         def reaching(interval: NodeInterval) -> NodeInterval:
             of_parts = [shares[part] for part in parts_of(interval.name) if part in shares]
-            # Of a sum, that of the pair that is moved most.
+            # For a sum, the shift of the pair that moves most.
             shifts = [max(of_parts, key=abs) * interval.value] if of_parts else []
             if interval.name == R0:
                 shifts += shifts_ohm
@@ -237,7 +239,8 @@ class TableFits:
 
 
 def require_temperature(prepared: PreparedRecord) -> float:
-    """A record's temperature in degC. Raises `InputError` where it is not known, or no cell's."""
+    """A record's temperature in degC. Raises `InputError` if it is missing or impossible for a
+    cell."""
     degc, name = prepared.temperature_degc, prepared.record.name
     if degc is None:
         raise Notice("temperature.unknown", subject=name).error()
@@ -250,7 +253,7 @@ def require_temperature(prepared: PreparedRecord) -> float:
 
 
 def fit_warnings(fits: TableFits, evaluations: Evaluations) -> Iterator[Notice]:
-    """Notices that a user of the answer should know; `evaluations` are of it."""
+    """Notices that a user of the answer should know; `evaluations` are of the answer."""
     if fits.over is None:
         for hit in fits.reference.at_bound:
             yield Notice("answer.at-bound", {"name": hit.name, "side": hit.side})
@@ -265,7 +268,7 @@ def fit_warnings(fits: TableFits, evaluations: Evaluations) -> Iterator[Notice]:
         for warning in fit.warnings:
             by_text.setdefault(str(warning), []).append(warning.about(f"{what}{where}"))
     for alike in by_text.values():
-        # What is so at every temperature is said once.
+        # Notices that apply at every temperature are given once.
         yield from alike if len(alike) < len(degc) else [alike[0].about(what)]
     usual_v = max(DISAGREES_V, DISAGREES_SHARE * _mean_drop_v(fits, identified))
     for fit in fits:
@@ -280,7 +283,7 @@ def fit_warnings(fits: TableFits, evaluations: Evaluations) -> Iterator[Notice]:
     yield from _offset_warnings([evaluation.prepared for evaluation in identified])
     yield from _reversal_warnings(fits)
     if fits.reference.is_over_soc:
-        # Else there is no table but the OCV, whose own notice says it.
+        # Otherwise the OCV is the only table, and has its own notice.
         yield from _outside_warnings(fits, evaluations)
     for evaluation in evaluations.validation:
         yield from no_temperature(evaluation.prepared, fits)
@@ -310,7 +313,7 @@ def _offset_warnings(records: Sequence[PreparedRecord]) -> Iterator[Notice]:
     level = records[0].window.registration
     if level is None or level.offset_a is None or level.offset_error_a is None:
         return
-    # As the files have it.
+    # With the sign used in the files.
     is_turned = {record.record.sign.value for record in records} == {"charge-positive"}
     offset_a = -level.offset_a if is_turned else level.offset_a
     names = ", ".join(record.record.name for record in records)
@@ -320,7 +323,7 @@ def _offset_warnings(records: Sequence[PreparedRecord]) -> Iterator[Notice]:
 
 
 def _reversal_warnings(fits: TableFits) -> Iterator[Notice]:
-    """One notice of each resistance that both falls and rises from cold to warm."""
+    """One notice for each resistance that both falls and rises from cold to warm."""
     over = fits.over_temperature
     if over is None:
         return
@@ -345,7 +348,7 @@ def _reversal_warnings(fits: TableFits) -> Iterator[Notice]:
 
 
 def _outside_warnings(fits: TableFits, evaluations: Evaluations) -> Iterator[Notice]:
-    """Notices of validation records that go to an SOC at which no table was identified."""
+    """Notices for validation records that reach an SOC at which no table was identified."""
     for evaluation in evaluations.validation:
         low, high = visited_soc(
             [
@@ -363,8 +366,8 @@ def _outside_warnings(fits: TableFits, evaluations: Evaluations) -> Iterator[Not
 
 
 def _is_alike(fits: TableFits, evaluation: Evaluation, other: Evaluation) -> bool:
-    """True if the tables of one record were identified on another: not those of another
-    measured temperature; between temperatures all of them count."""
+    """True if the tables of one record apply to another: not those of another measured temperature;
+    between temperatures all of them count."""
     over = fits.over_temperature
     if over is None:
         return True

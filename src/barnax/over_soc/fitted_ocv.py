@@ -1,9 +1,9 @@
 """The OCV of a cell without an OCV test: one more table, fitted to the records with all others.
 
 The voltage is linear in the OCV's table too, so time constants, resistances and OCV are one search
-with one proof. What one record cannot tell is where its charge stands on the axis of SOC: its
-capacity and its start only name the axis, and are taken from what is given, from a full charge that
-the record holds, or from its own span.
+with one proof. A record cannot determine the position of its charge on the SOC axis: capacity and
+start only define the axis, and are taken from given values, from a full charge in the record, or
+from its span of charge.
 """
 
 import math
@@ -36,18 +36,18 @@ from .temperature import TableFits, fit_temperatures, group_by_temperature
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FittedOcv(Brief):
-    """A cell whose OCV the records themselves show, and the tables that were fitted with it.
+    """A cell whose OCV was fitted to the records, and the tables fitted with it.
 
     Attributes:
-        cell: The cell, with the branches of a hysteresis that was found. Over temperature, one for
-            each.
+        cell: The cell, with both branches if a hysteresis was identified. At several temperatures,
+            one for each.
         windows: The windows of the records, each with its start on the axis.
-        fits: The tables over SOC, and the OCV among their intervals.
-        circuit: Name of the circuit that they are of.
-        warnings: What speaks against the starts.
-        directions: Of the records whose direction before the start was found by the fit, the RMSE
-            in V with the other one.
-        tried: The circuits that were tried, where there was a choice.
+        fits: The tables over SOC, with the OCV among their intervals.
+        circuit: Name of their circuit.
+        warnings: Evidence against the starts.
+        directions: For records whose direction before the start was determined by the fit, the RMSE
+            in V with the other direction.
+        tried: The circuits that were tried, if there was a choice.
     """
 
     cell: CellModel
@@ -60,27 +60,27 @@ class FittedOcv(Brief):
 
     @property
     def fit(self) -> TableFit:
-        """The tables, of several temperatures those nearest to 25 degC."""
+        """The tables; at several temperatures those nearest to 25 degC."""
         return self.fits.reference
 
 
 def prove_with_ocv(
     untested: UntestedRecords, objective: TableObjective, best: Solution, starts: Starts
 ) -> FittedOcv:
-    """The best tables with their OCV, proved, and all that is known of them."""
+    """The best tables with their OCV, proved, with all intervals and errors."""
     records = objective.prepared_records
     circuit = records[0].circuit
     proof = certify(objective, best)
-    # Several records whose rates differ would tell it.
+    # Several records at different rates would determine the offset.
     effect = offset_effect(objective, proof.best) if len(records) == 1 else None
     cell = cell_of(objective, proof.best, untested.capacity_ah, untested.capacity_origin)
     fit = fit_of(objective, proof, _with_cell(objective, cell))
-    # Of a pair whose time constant ended at the slowest, the OCV takes up what is slower still.
+    # If a pair's time constant is at the slowest bound, the OCV absorbs whatever is slower.
     slowest = {hit.name for hit in fit.at_bound if hit.side == "upper"}
     pairs = names_of(get_circuit(circuit).elements)
     is_open = {pair.resistance for pair in pairs if pair.tau in slowest}
     if any(hit.name == RATE and hit.side == "lower" for hit in fit.at_bound):
-        # A hysteresis that hardly turns and the OCV take each other's place.
+        # A hysteresis that hardly reverses and the OCV compensate each other.
         is_open |= {HALF_HYSTERESIS, OCV}
     intervals, means = (
         tuple(node if is_open.isdisjoint(parts_of(node.name)) else node.opened() for node in given)
@@ -92,8 +92,8 @@ def prove_with_ocv(
 
 
 def fit_temperatures_with_ocv(untested: UntestedRecords, circuit: str) -> FittedOcv:
-    """Tables over SOC and an OCV of each temperature, on one axis, with one set of time constants;
-    proved already."""
+    """Tables over SOC and an OCV for each temperature, on one axis, with shared time constants;
+    already proved."""
     starts, settings = untested.starts_by_temperature(circuit), untested.settings_of(circuit)
     prepared, cells = untested.prepared(circuit, starts.windows), list[CellModel]()
 
@@ -108,7 +108,7 @@ def fit_temperatures_with_ocv(untested: UntestedRecords, circuit: str) -> Fitted
 
 
 def _with_cell(objective: TableObjective, cell: CellModel) -> list[PreparedRecord]:
-    """The objective's records with the OCV that was found."""
+    """The objective's records with the fitted OCV."""
     return [
         prepare_record(prepared.record, cell, prepared.circuit, prepared.window)
         for prepared in objective.prepared_records
@@ -122,8 +122,8 @@ COMPARED_SOC = np.linspace(0.1, 0.9, 81)
 def compare_ocv(
     prepared_records: Sequence[PreparedRecord], fit: TableFit, settings: TableSettings
 ) -> OcvCompared | None:
-    """The distance of a fitted OCV from the cell's, at the time constants of tables that were
-    fitted to the records; None where they visit too little."""
+    """The distance of a fitted OCV from the cell's, at the time constants of tables fitted to the
+    records; None if they visit too little of it."""
     first = prepared_records[0]
     names = box_of(prepared_records, settings)
     log_scales = tuple(math.log(fit.tables.constants[name]) for name in names)

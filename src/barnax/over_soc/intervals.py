@@ -1,12 +1,12 @@
 """The interval of every node of fitted tables.
 
-They are not those of a constant circuit (`uncertainty.covariance`), for tables are smoothed: a fit
-with the weights of the objective is smooth where the data say little, so its own standard errors
-are too small. They are taken of a fit with a hundredth of the weights, as the sandwich
+They differ from those of a constant circuit (`uncertainty.covariance`) because tables are smoothed:
+a fit with the weights of the objective is smooth where the data determine little, so its standard
+errors are too small. They are computed for a fit with a hundredth of the weights, as the sandwich
 H^-1 J' G J H^-1 with G the covariance of the noise that `uncertainty.noise` fits to the residuals,
-time constants included. That fit is where the interval lies; it reaches on to the value where the
-weights have moved it further, and to the curve of which the table is lines (`curves`), less what
-these lines have moved other values.
+time constants included. The interval is centered on that fit; it is extended to the value where the
+weights have moved it further, and to the curve that the table approximates by lines (`curves`),
+less the effect of these lines on other values.
 """
 
 import math
@@ -31,28 +31,28 @@ from ..uncertainty.noise import Noise, Slots, fit_gathered
 from .node_interval import NodeInterval, TableCurve, curves_of, mean_weights, parts_of, sum_name
 from .objective import Solution, TableObjective
 
-# Of the smoothing weights, those of the fit that standard errors are of.
+# Share of the smoothing weights in the fit from which standard errors are computed.
 LIGHT = 0.01
-# Slots of time in which residuals are correlated: no array is longer, however long the record.
+# Slots of time for the correlation of residuals: no array is longer, however long the record.
 MAX_SLOTS = 4096
-# Half the step in a logarithm of which slopes are differences.
+# Half the step in a logarithm for difference quotients.
 STEP = 1e-4
-# Directions that move the errors by less than this share of what the largest do are unseen: below
-# it least squares take their curvature for rounding, and would give them no error at all.
+# Directions that move the errors by less than this share of the largest are unseen: below it least
+# squares treat their curvature as rounding, and would give them no error at all.
 UNSEEN = 1e-6
-# A constant that may lie anywhere over such a span of logarithms, nine decades, is not told.
+# A constant whose interval spans this many logarithms, nine decades, is not determined.
 WIDEST = 9 * math.log(10)
 
-# Of some samples: columns, base error of every side, and which come after the first load.
+# For some samples: columns, base error of every side, and which come after the first load.
 Rows = tuple[Columns, Float[np.ndarray, "rows sides"], Bool[np.ndarray, "rows"]]
 
 
 @dataclass(frozen=True, eq=False)
 class _Moves:
-    """Contributions to the error of every value, tables' first: of the noise, by column; a standard
-    error each of nuisances with priors and of usual values; of the curves that straight lines miss;
-    and the best nuisances. `is_seen` is False of a value that no sample and no free direction
-    depends on."""
+    """Contributions to the error of every value, those of tables first: of the noise, by column;
+    one standard error each of nuisances with priors and of usual values; of the curves that
+    straight lines miss; and of the best nuisances. `is_seen` is False for a value on which no
+    sample and no free direction depends."""
 
     noise: Noise
     by_noise: Float[np.ndarray, "values columns"]
@@ -62,8 +62,8 @@ class _Moves:
     is_seen: Bool[np.ndarray, "values"]
 
     def reach(self, weights: Float[np.ndarray, "values"]) -> tuple[float, float, float] | None:
-        """The standard error of a sum of values, half its interval and its degrees of freedom;
-        None of what is unseen."""
+        """The standard error of a weighted sum of values, half its interval and its degrees of
+        freedom; None if it is unseen."""
         if not np.any(weights[self.is_seen]):
             return None
         beside = float(np.sum((weights @ self.beside) ** 2))
@@ -72,8 +72,8 @@ class _Moves:
 
 @in_float64
 def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterval, ...]:
-    """The intervals of visited nodes, table after table, of the time constants and gamma, and of
-    the means of resistances and of sums of them (`means`), which have no SOC."""
+    """The intervals of visited nodes, table by table, of the time constants and gamma, and of the
+    means of resistances and sums of them (`means`), which have no SOC."""
     lighter, light = unsmoothed(objective, best)
     curves = [*curves_of(objective, best)]
     moves = _moves_of(lighter, light, best, curves)
@@ -82,13 +82,13 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
     is_bound = (light.sides != 0) & (least < most)
     rows = [row for (name, _), row in objective.visited_rows.items() if is_resistance(name)]
     is_bound &= np.isin(np.arange(count), rows)
-    # Beyond a bound of a resistance the data have no say; to its other side they do.
+    # Beyond a bound of a resistance the data do not count; on its other side they do.
     freed = replace(light, sides=np.where(is_bound, 0, light.sides))
     away = _moves_of(lighter, freed, best, curves) if is_bound.any() else moves
 
     def interval(name: str, soc: float | None, weights, value: float, *unmoved: float):
-        """Around what would stand there had nothing moved it, with the nuisances that fit best, as
-        far as the value."""
+        """The interval around the unmoved value at the best nuisances, extended to the fitted
+        value."""
         bias = max((value - other for other in unmoved), key=abs)
         reach, freed = moves.reach(weights), away.reach(weights)
         sides = light.sides[is_bound & (weights[:count] != 0)]
@@ -116,17 +116,17 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
     names = [axis.name for axis in objective.axes]
     logarithms = dict(zip(names, best.log_scales, strict=True)) | of_numbers
     for number, (name, scale) in enumerate(logarithms.items()):
-        # Of the logarithm, so that the interval is positive.
+        # In the logarithm, so that the interval is positive.
         around = interval(name, None, unit[count + number], scale, scale)
         value, ends = math.exp(scale), (around.low, around.high)
         if name in usual and around.low is not None and around.high is not None:
-            # However little the data tell, that is what cells usually have.
+            # Whatever the data determine, the interval includes what cells usually have.
             middle, reach = usual[name].logarithm, 2 * usual[name].sd
             ends = (
                 max(around.low, min(scale, middle - reach)),
                 min(around.high, max(scale, middle + reach)),
             )
-        # What may be anything has no end, as where no sample moves it.
+        # A constant that may be anything has an open interval, as if no sample moved it.
         is_closed = ends[0] is not None and ends[1] is not None and ends[1] - ends[0] < WIDEST
         low, high = (math.exp(end) if is_closed and end is not None else None for end in ends)
         error = value * around.standard_error if is_closed else 0.0
@@ -155,8 +155,8 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
 def _moves_of(
     lighter: TableObjective, light: Solution, best: Solution, curves: Sequence[TableCurve]
 ) -> _Moves:
-    """The contributions to the error of the hardly smoothed fit, in the directions that its bounds
-    leave.
+    """The contributions to the error of the lightly smoothed fit, in the directions that its bounds
+    leave free.
     """
     is_open = [
         axis.low < scale < axis.high
@@ -166,7 +166,7 @@ def _moves_of(
     nuisances_v, nuisances_sd = nuisance_columns(lighter.prepared_records, lighter.tables_at(light))
     beside = np.eye(len(numbers) + len(nuisances_sd))
     others = np.asarray(block_diag(np.eye(len(is_open))[:, is_open], beside))
-    # Beside the error, the one that lines leave of the curves.
+    # Beside the error, the difference between lines and curves.
     sides = np.concatenate(light.values)[:, None] * [1.0, 0.0]
     rows = _with_curves(lighter, curves, nuisances_v, linearized(lighter, light))
     fit = Linearized.of(lighter, light, others, rows, sides)
@@ -180,10 +180,10 @@ def _moves_of(
     normal[indices, indices] += pull
     lengths = np.diag(fit.products)
     is_seen = lengths > UNSEEN**2 * np.max(lengths)
-    # Columns of H^-1 J' / N by which the noise moves every value.
-    # By least squares, for a short record leaves some of them undetermined.
+    # Columns of H^-1 J' / N by which the noise moves every value. By least squares, because a short
+    # record leaves some of them undetermined.
     by_nuisances = ways @ np.linalg.lstsq(normal, np.eye(len(normal))[:, given])[0]
-    # What is usual is itself uncertain.
+    # Usual values are themselves uncertain.
     back = ways @ np.linalg.lstsq(normal, np.eye(len(normal))[:, indices])[0]
     errors = pull * np.array([number.sd for number in usual.values()])
     return _Moves(
@@ -197,8 +197,8 @@ def _moves_of(
 
 
 def _held_level(objective: TableObjective, best: Solution) -> range:
-    """The rows of the lowest visited nodes, below 10 % SOC, between which only the bound that an
-    OCV rises decides: under load, an OCV that falls there and a resistance that rises look alike.
+    """The rows of the lowest visited nodes, below 10 % SOC, separated only by the bound that an OCV
+    rises: under load, an OCV that falls there and a resistance that rises look alike.
     """
     table = 1 + objective.pairs
     if not (objective.settings.rising_ocv and objective.reduced.layout.has_correction):
@@ -216,8 +216,8 @@ def _with_curves(
     nuisances_v: Float[np.ndarray, "samples nuisances"],
     rows: Iterable[Rows],
 ) -> Iterator[Rows]:
-    """The rows with columns of what is given beside, and with one more side: the errors that would
-    be, were the tables' curves the truth."""
+    """The rows with the given additional columns, and with one more side: the errors if the tables'
+    curves were the truth."""
     soc = np.concatenate([prepared.soc[prepared.scored] for prepared in objective.prepared_records])
     first = 0
     for columns, base, informed in rows:
@@ -242,26 +242,28 @@ def with_penalty(
     products: Float[np.ndarray, "ways ways"],
     ways: Float[np.ndarray, "values ways"],
 ) -> Float[np.ndarray, "ways ways"]:
-    """J'J / N with what the smoothing adds, the first values being those of the tables."""
+    """J'J / N with the smoothing added; the first values are those of the tables."""
     bent = objective.table_penalty @ ways[: len(objective.to_tables)]
     return products + bent.T @ bent
 
 
 @dataclass(frozen=True, eq=False)
 class Linearized:
-    """The least squares of N samples, linearized at an optimum along some ways to move values.
+    """The least squares of N samples, linearized at an optimum along the given directions of
+    values.
 
     With J = Q T and H = J'J / N and the smoothing, a noise u moves the values by the ways times
-    H^-1 T' Q' u / N: their covariance is the sandwich H^-1 J' G J H^-1 / N^2, G that of the noise.
+    H^-1 T' Q' u / N: their covariance is the sandwich H^-1 J' G J H^-1 / N^2, with G the noise
+    covariance.
 
     Attributes:
-        ways: By how much each way moves every value.
+        ways: The change of every value along each direction.
         noises: The noise of every side, in the coordinates Q.
         to_noise: T / N.
         products: J'J / N.
         slopes: J'e / N of every side.
-        prior_weight: What a value known beside the voltages weighs, within a standard deviation of
-            one: the strength of the first noise over N.
+        prior_weight: Weight of a prior with a standard deviation of one, relative to the voltages:
+            the strength of the first noise over N.
     """
 
     ways: Float[np.ndarray, "values ways"]
@@ -280,8 +282,9 @@ class Linearized:
         rows: Iterable[Rows],
         values: Float[np.ndarray, "tables_values sides"] | None = None,
     ) -> "Linearized":
-        """From the rows of `linearized`, in the ways that the bounds leave the tables and in those
-        of all `others`; every side has tables of its own `values`, or those of the optimum."""
+        """From the rows of `linearized`, in the directions that the bounds leave free for the
+        tables and in those of all `others`; every side has its own table `values`, or those of the
+        optimum."""
         if values is None:
             values = np.concatenate(optimum.values)[:, None]
         ways = np.asarray(block_diag(objective.ways(optimum), others))
@@ -289,7 +292,7 @@ class Linearized:
         longest_s = max(prepared.scored_duration_s for prepared in objective.prepared_records)
         slots = Slots.of(time_s, longest_s, MAX_SLOTS)
         width, sides = ways.shape[1], values.shape[1]
-        # Of [J e 1]: their sums in every slot, and their scalar products.
+        # For [J e 1]: the sums in every slot, and the scalar products.
         sums, products = np.zeros((slots.count, width + sides + 1)), np.zeros((width + sides,) * 2)
         first = 0
         for columns, base, informed in rows:
@@ -331,10 +334,10 @@ def linearized(
     every: int = 1,
 ) -> Iterator[Rows]:
     """Columns of all values, of all axes, of a dependence's numbers and of `further` unknowns at
-    the scored samples, the base error of every side, and which of them come after the first load.
+    the scored samples, the base error of every side, and which samples come after the first load.
 
-    `beside_v` is as `reduce_records` has it; `further` gives the columns of a record by its place.
-    Of a block's samples `every` so many counts.
+    `beside_v` is as in `reduce_records`; `further` gives the columns of a record by its index.
+    Every `every`-th sample of a block counts.
     """
     tau, rate = best.log_scales[: objective.pairs], best.log_scales[objective.pairs :]
     rungs = rungs_of(objective.elements)
@@ -343,7 +346,7 @@ def linearized(
     in_tau = span_through((log_taus[:, None] + around).ravel().tolist())
     in_rate = span_through((-rate[0] + around).tolist()) if rate else None
     layout = replace(objective.reduced.layout, in_tau=in_tau, in_rate=in_rate)
-    # Of tables' values: steps of an OCV that rises are unknowns.
+    # By the tables' values: with a rising OCV the unknowns are its steps.
     by_values = replace(objective, settings=replace(objective.settings, rising_ocv=False))
     for index, prepared in enumerate(objective.prepared_records):
         of_numbers = _dependence_slopes(prepared, objective, best)
@@ -375,7 +378,7 @@ def linearized(
 def _dependence_slopes(
     prepared: PreparedRecord, objective: TableObjective, best: Solution
 ) -> list[Float[np.ndarray, "simulated"]]:
-    """The derivatives of the error by the logarithm of every number that resistances follow."""
+    """The derivatives of the error by the logarithm of every number of the resistance law."""
     law, slopes = prepared.dependence, []
     if law is None:
         return slopes

@@ -1,5 +1,5 @@
-"""A cell whose OCV says nothing: what a table then finds is the OCV of the records alone; and the
-cell with that OCV."""
+"""A cell with a constant OCV, so that a fitted OCV table holds the OCV of the records alone; and
+the cell with that OCV."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -17,10 +17,10 @@ from ..settings import NODES
 from .objective import Solution, TableObjective
 from .settings import TableSettings
 
-# An OCV bends more than resistances do: closer nodes, and the closest near full, where that of LFP
-# falls within 1 % and a hysteresis would take up what it has between nodes, and a little beyond,
-# for full is the mean of what several records call so; but not near empty, where no circuit follows
-# and the fall of one record would be taken for that of all.
+# An OCV bends more than resistances do, so its nodes are closer: closest near full, where the OCV
+# of LFP falls within 1 % and a hysteresis would absorb any shape between nodes, and a little
+# beyond, because full is the mean of what several records call full; but not near empty, where no
+# circuit models the voltage and the fall of one record would be taken for that of all.
 OCV_NODES = (
     *(node for node in NODES if node < 0.05),
     *(number / 80 for number in range(4, 16)),
@@ -29,19 +29,19 @@ OCV_NODES = (
     *(number / 160 for number in range(156, 158)),
     *(number / 320 for number in range(316, 324)),
 )
-# It is measured from a line that says nothing.
+# The table is relative to a constant, so its ridge is negligible.
 FREE_RIDGE = 1e-12
 NEARLY_LEVEL_V = 1e-6
-# A hysteresis that turns more slowly cannot be told from an OCV; one that turns faster, within 1 %
-# SOC, from resistances that fall with the current.
+# A hysteresis that turns more slowly cannot be distinguished from an OCV; one that turns faster,
+# within 1 % SOC, from resistances that fall with the current.
 DISTINCT_RATES = (10.0, 300.0)
-# Between two nodes the OCV is a straight line: so many points of it make a curve of that.
+# Between two nodes the OCV is a straight line; this many points represent it in a curve.
 POINTS_A_NODE = 8
 
 
 def with_fitted_ocv(settings: TableSettings, circuit: str | None = None) -> TableSettings:
-    """A copy with a table of the OCV in place of its correction, and with one of a dynamic
-    hysteresis where the circuit has that."""
+    """A copy with a table of the OCV instead of its correction, and with one of a dynamic
+    hysteresis if the circuit has one."""
     if circuit is not None and get_circuit(circuit).has_rate:
         bounds = {**settings.bounds, **({} if RATE in settings.ranges else {RATE: DISTINCT_RATES})}
         settings = replace(settings, half_hysteresis=True, bounds=bounds)
@@ -54,7 +54,7 @@ def with_fitted_ocv(settings: TableSettings, circuit: str | None = None) -> Tabl
 
 
 def level_cell(capacity_ah: float, voltage_v: float) -> CellModel:
-    """A cell whose OCV says nothing: all of it is left to the table."""
+    """A cell with a constant OCV: the table has to supply all of it."""
     soc = np.array([-1.0, 2.0])
     line = InterpolatedCurve.fit(soc, voltage_v + NEARLY_LEVEL_V * soc)
     points = tuple(OcvPoint(at, voltage_v, "", 0, 0.0) for at in soc.tolist())
@@ -67,8 +67,8 @@ def level_cell(capacity_ah: float, voltage_v: float) -> CellModel:
 def leveled(
     prepared_records: Sequence[PreparedRecord], like: PreparedRecord | None = None
 ) -> list[PreparedRecord]:
-    """The records with such a cell of the first one, or of another, and the hysteresis that they
-    have."""
+    """The records with a constant OCV at the level of the first one, or of another, and with their
+    hysteresis."""
     first = like or prepared_records[0]
     level, moved = level_cell(first.capacity_ah, float(np.median(first.voltage_v))), []
     for prepared in prepared_records:
@@ -81,10 +81,10 @@ def leveled(
 def cell_of(
     objective: TableObjective, best: Solution, capacity_ah: float, origin: str
 ) -> CellModel:
-    """The cell with the OCV of a solution, as far as samples go."""
+    """The cell with the OCV of a solution, over the range of the samples."""
     nodes, ocv_v = objective.ocv_at(best)
     soc = np.concatenate([prepared.soc[prepared.scored] for prepared in objective.prepared_records])
-    # Straight lines between nodes are the fit; a cubic through the nodes would be another one.
+    # Straight lines between nodes are the fit; a cubic through the nodes would be a different OCV.
     low, high = max(nodes[0], float(soc.min())), min(nodes[-1], float(soc.max()))
     fine = np.interp(
         np.arange(POINTS_A_NODE * (len(nodes) - 1) + 1) / POINTS_A_NODE,
@@ -107,5 +107,5 @@ def cell_of(
     }
     table = OcvTable(name, branches, sha256="")
     cell = characterize([table], capacity_ah=capacity_ah, ocv_fit="interpolated")
-    # What a table of a measured OCV would be asked is not asked.
+    # The checks of a measured OCV table do not apply.
     return replace(cell, capacity_origin=origin, warnings=())

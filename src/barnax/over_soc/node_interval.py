@@ -1,9 +1,10 @@
 """Values of tables, constants and means over SOC, each with its confidence interval, and the curves
-of which tables are lines between nodes.
+that tables approximate by lines between nodes.
 
 A resistance or an OCV over SOC is smooth; its table is linear from node to node. Least squares put
-these lines below the curve at the nodes where it bends upward, and what lines cannot follow moves
-other values. The curve is taken for the cubic spline of which the table's lines are the best ones.
+these lines below the curve at the nodes where it bends upward, and the part that lines cannot
+represent moves other values. The curve is taken to be the cubic spline whose best approximation by
+lines is the table.
 """
 
 from collections.abc import Iterator, Sequence
@@ -17,22 +18,23 @@ from scipy.interpolate import CubicSpline
 from ..cell.soc_axis import ABOVE_SOC, is_above
 from .objective import Solution, TableObjective
 
-# The ends of what another record would show.
+# The ends of the interval to expect on another record.
 RECORD_ENDS = ("record_low", "record_high")
-# A value within this share of its interval from an end is at that end.
+# A value closer to an end than this share of its interval is at that end.
 AT_EDGE = 0.01
 
 
 @dataclass(frozen=True)
 class NodeInterval:
-    """One node's value of one table with its confidence interval; `soc` is None of a constant.
+    """The value of one table at one node with its confidence interval; `soc` is None for a
+    constant.
 
-    `standard_error` allows for the residuals' autocorrelation, `bias` is what smoothing and the
-    straight lines between nodes may have moved; the interval holds both. Of a value at a bound only
-    the other end is known, and the error is zero; of one that no sample depends on, neither is.
-    A mean over SOC has no `soc` either. `record_low` and
-    `record_high` are what another record of the cell would show, by the spread of those identified
-    on; None of fewer than three.
+    `standard_error` allows for the residuals' autocorrelation, `bias` is the possible effect of
+    smoothing and of straight lines between nodes; the interval includes both. For a value at a
+    bound only the other end is determined, and the error is zero; for one on which no sample
+    depends, neither end is. A mean over SOC has no `soc` either. `record_low` and `record_high` are
+    the interval to expect on another record of the cell, from the spread of the identified records;
+    None for fewer than three.
     """
 
     name: str
@@ -47,7 +49,7 @@ class NodeInterval:
 
     @property
     def is_biased(self) -> bool:
-        """True where the value may have been moved further than its standard error."""
+        """True if the value may have been moved by more than its standard error."""
         return abs(self.bias) > self.standard_error
 
     @property
@@ -61,8 +63,8 @@ class NodeInterval:
         return replace(self, standard_error=0.0, **ends)
 
     def between(self, other: "NodeInterval", soc: float) -> "NodeInterval":
-        """The interval on the line to another node: no wider, for the errors of the two are not
-        wholly shared. An end is open where one of theirs is."""
+        """The interval interpolated on the line to another node; the true one is no wider, because
+        the errors of the two are not fully shared. An end is open if either node's is."""
         first, last = self.soc or 0.0, other.soc or 0.0
         share = (soc - first) / (last - first)
         pairs = {
@@ -85,13 +87,13 @@ class NodeInterval:
         return replace(self, value=self.value + by, **ends)
 
     def spanning(self, shifts: Sequence[float]) -> "NodeInterval":
-        """A copy with an interval extended to equally possible values so far off."""
+        """A copy with the interval extended to equally possible values at these distances."""
         ends = {}
         if self.low is not None:
             ends["low"] = max(self.low + min([0.0, *shifts]), 0.0)
         if self.high is not None:
             ends["high"] = self.high + max([0.0, *shifts])
-        # Another record leaves it open too.
+        # Open for another record too.
         if self.record_low is not None and self.record_high is not None:
             ends["record_low"] = min(self.record_low, ends.get("low", self.record_low))
             ends["record_high"] = max(self.record_high, ends.get("high", self.record_high))
@@ -100,11 +102,11 @@ class NodeInterval:
 
 @dataclass(frozen=True)
 class Fact(NodeInterval):
-    """A number of a fit, in the unit of its name: a node of a table, or without `soc` what has one
-    value at every SOC, or a mean over SOC.
+    """A number of a fit, in the unit of its name: a node of a table or, without `soc`, a constant
+    or a mean over SOC.
 
-    An end is None where the interval is open. `is_assessed` says whether there is one at all, and
-    `is_visited` whether samples are near the node.
+    An end is None if the interval is open there. `is_assessed` is True if there is an interval at
+    all, and `is_visited` if samples are near the node.
     """
 
     is_mean: bool = False
@@ -113,7 +115,7 @@ class Fact(NodeInterval):
 
     @property
     def is_at_edge(self) -> bool:
-        """True where the value is at an end of its own interval, to which smoothing moved it."""
+        """True if the value is at an end of its interval, because smoothing moved it there."""
         if self.low is None or self.high is None or self.record_low is not None:
             return False
         near = AT_EDGE * (self.high - self.low)
@@ -121,17 +123,17 @@ class Fact(NodeInterval):
 
     @property
     def label(self) -> str:
-        """Its short name in a list of numbers."""
+        """The short name in a list of numbers."""
         return f"mean {self.name}" if self.is_mean else self.name
 
 
 def node_weights(
     nodes: Float[np.ndarray, "nodes"], visited: Bool[np.ndarray, "nodes"]
 ) -> Float[np.ndarray, "nodes"]:
-    """The weights of nodes in the mean over SOC of what is linear between them.
+    """The weights of nodes in the mean over SOC of a function linear between them.
 
-    It is taken between visited neighbors, above 10 % SOC; where there are none, the visited nodes
-    count alike.
+    The mean is taken between visited neighbors above 10 % SOC; without any, all visited nodes have
+    equal weights.
 
     >>> nodes, visited = np.array([0.0, 0.2, 0.6, 1.0]), np.array([True, True, True, False])
     >>> np.round(node_weights(nodes, visited), 3).tolist()
@@ -161,7 +163,7 @@ def mean_weights(objective: TableObjective, name: str) -> Float[np.ndarray, "val
 
 
 def parts_of(name: str) -> list[str]:
-    """The resistances that a sum is of.
+    """The resistances in a sum.
 
     >>> parts_of("R1 + R2 [Ohm]"), parts_of("R0 [Ohm]")
     (['R1 [Ohm]', 'R2 [Ohm]'], ['R0 [Ohm]'])
@@ -171,7 +173,7 @@ def parts_of(name: str) -> list[str]:
 
 
 def sum_name(names: Sequence[str]) -> str:
-    """A sum of resistances, as it is called.
+    """The name of a sum of resistances.
 
     >>> sum_name(["R1 [Ohm]", "R2 [Ohm]"])
     'R1 + R2 [Ohm]'
@@ -179,17 +181,17 @@ def sum_name(names: Sequence[str]) -> str:
     return f"{' + '.join(name.removesuffix(' [Ohm]') for name in names)} [Ohm]"
 
 
-# Of Gauss quadrature between two nodes: exact for a cubic times a line.
+# Points of Gauss quadrature between two nodes: exact for a cubic times a line.
 POINTS = 4
 
 
 def sag_of(
     nodes: Float[np.ndarray, "nodes"], values: Float[np.ndarray, "nodes"]
 ) -> Float[np.ndarray, "nodes"]:
-    """Distances of a curve above the best lines along it, at their nodes.
+    """Distances at the nodes of a curve above its best approximation by lines.
 
-    Samples are taken for even. On even nodes of a parabola a twelfth of the second difference;
-    zero of fewer than three nodes.
+    Assumes evenly distributed samples. A twelfth of the second difference for a parabola on even
+    nodes; zero for fewer than three nodes.
 
     >>> sag_of(np.array([0.0, 0.5, 1.0, 1.5]), np.array([0.0, 0.25, 1.0, 2.25])).round(6).tolist()
     [0.041667, 0.041667, 0.041667, 0.041667]
@@ -208,7 +210,7 @@ def sag_of(
 
 @dataclass(frozen=True)
 class TableCurve:
-    """The curve of one table at its visited nodes, `sags` above these."""
+    """The curve of one table at its visited nodes, `sags` above the table."""
 
     nodes: Float[np.ndarray, "nodes"]
     values: Float[np.ndarray, "nodes"]

@@ -1,10 +1,10 @@
 """Nuisances of the records of one cell, estimated together with its tables under priors; and an
-offset of the current that several records share, as those of one tester do.
+offset of the current shared by several records, such as those of one tester.
 
-An offset o adds dv = o (U'(s) t / C + R) after a time t. In one record that is a capacity, or a
-slow pair. Where records differ in rate it moves their charge apart by shares that no start and no
-capacity explain, and is one more unknown beside these, with an OCV of the records' own: a measured
-one need not reach where the charge goes without the offset.
+An offset o adds dv = o (U'(s) t / C + R) after a time t. In one record this looks like a capacity,
+or a slow pair. In records at different rates it shifts their charge by shares that no start and no
+capacity explain, and is one more unknown, with an OCV fitted to the records: a measured one need
+not extend to where the charge goes without the offset.
 """
 
 import math
@@ -28,8 +28,8 @@ Nuisances = Callable[[TableObjective, Solution, int], Float[np.ndarray, "samples
 
 
 class Measured(NamedTuple):
-    """Single voltages, so combined that they have independent errors of one: what each nuisance
-    adds to them, and how far they are above those of the nuisances now."""
+    """Single voltages, combined so that their errors are independent with unit variance: the effect
+    of each nuisance on them, and their difference from the voltages at the current nuisances."""
 
     columns: Float[np.ndarray, "voltages nuisances"]
     error: Float[np.ndarray, "voltages"]
@@ -37,11 +37,11 @@ class Measured(NamedTuple):
 
 @dataclass(frozen=True)
 class Estimated:
-    """Nuisances relative to what was told, then the wanted sums of the tables' values, with their
-    covariance, and the shifts of the searched scales' logarithms with them. `by_prior` is how far
-    each moves with what was told of each nuisance, by one standard deviation. `log_evidence` is the
-    logarithm of the probability of the records with these standard deviations, but for a constant
-    of the records.
+    """Nuisances relative to their given values, then the wanted sums of the tables' values, with
+    their covariance, and the accompanying shifts of the searched scales' logarithms. `by_prior` is
+    the change of each value per standard deviation of each nuisance's prior. `log_evidence` is the
+    logarithm of the probability of the records with these standard deviations, up to a constant of
+    the records.
     """
 
     values: Float[np.ndarray, "estimates"]
@@ -63,7 +63,7 @@ def of_starts(
     slope: Float[np.ndarray, "samples"] | None = None,
 ) -> Float[np.ndarray, "samples nuisances"]:
     """The columns of a start and a capacity of every record, with a slope of the OCV by SOC, by
-    default that of the cell."""
+    default the cell's."""
     del best
     prepared = objective.prepared_records[index]
     soc = prepared.soc[prepared.scored]
@@ -83,12 +83,12 @@ def estimate(
     wanted: Float[np.ndarray, "wanted values"] | None = None,
     beside: Measured | None = None,
 ) -> list[Estimated]:
-    """The nuisances of records that are prepared with those that are `now`, together with all
-    tables, under every one of `priors`, standard deviations of what was told; `wanted` are weights
-    of the tables' values in sums, and `beside` is what else tells of the nuisances.
+    """The nuisances of records prepared with the nuisances `now`, together with all tables, under
+    each of `priors`, the standard deviations of the given values; `wanted` are weights of the
+    tables' values in sums, and `beside` are further measurements of the nuisances.
 
     The noise is correlated, so that H^-1 (J' G J + P S P) H^-1 is the covariance, with S the prior
-    and P its weight in the least squares, the noise's own strength over S.
+    and P its weight in the least squares, the strength of the noise divided by S.
     """
     lighter, light = unsmoothed(objective, best)
     others = np.eye(len(objective.axes) + len(objective.numbers) + now.size)
@@ -129,30 +129,30 @@ def estimate(
     return [under(prior) for prior in priors]
 
 
-# Offsets that are tried first, in shares of the capacity per hour, and the prior's standard
-# deviation.
+# Offsets that are tried first, and the prior's standard deviation, in shares of the capacity per
+# hour.
 TRIED_PER_H, SD_PER_H = (-0.015, -0.01, -0.005, 0.005, 0.01, 0.015), 0.02
-# An offset counts from so many standard errors and from such a size on, if it leaves less than this
-# share of the error. The search ends where the first round's standard error is above the next
-# limit, and where a later round finds less than so many standard errors.
+# An offset is accepted from this many standard errors and this size on, if the remaining error is
+# less than this share. The search ends if the first round's standard error is above the next limit,
+# or a later round gives less than the last number of standard errors.
 LEAST_ERRORS, LEAST_PER_H, LEAVES = 3.0, 1 / 300, 0.85
 OPEN_PER_H, DOUBTED_ERRORS = 0.0075, 1.5
-# A current that reads no more than this for so long at rest has no offset. Of the currents up to
-# `SMALL_PER_H`, a rest's are more than this share, within a quarter of that.
+# A current that reads no more than this for at least this long at rest has no offset. Of the
+# currents up to `SMALL_PER_H`, those at rest are more than this share, within a quarter of that.
 ZERO_PER_H, LEAST_REST_S = LEAST_PER_H / 2, 60.0
 SMALL_PER_H, STAYS = 0.02, 0.6
-# An offset that testers commonly have: its effect is reported where nothing shows the offset.
+# An offset that testers commonly have: its effect is reported if the records cannot rule it out.
 DOUBTED_PER_H = 1 / 200
-# It moves time constants by no more than this factor.
+# The offset moves time constants by no more than this factor.
 MOVES = 2.0
-# Charge is off by percents, so slopes of the OCV are differences over as much. The rounds end when
-# the offset moves by less than this share of its error.
+# Charge is off by percents, so slopes of the OCV are differences over a similar step. The rounds
+# end when the offset moves by less than this share of its error.
 STEP_SOC, ROUNDS, SETTLED = 0.02, 6, 0.05
 
 
 @dataclass(frozen=True)
 class CurrentOffset:
-    """An offset in A, discharge positive, with its standard error, as `Registration` has them."""
+    """An offset in A, discharge positive, with its standard error, as in `Registration`."""
 
     offset_a: float
     offset_error_a: float
@@ -160,8 +160,8 @@ class CurrentOffset:
 
 @dataclass(frozen=True)
 class OffsetEffect:
-    """The shares by which an unseen offset of the current would move R0, and all resistances
-    together: medians of their sizes over the visited nodes."""
+    """The relative change of R0, and of the sum of all resistances, caused by an undetected offset
+    of the current: medians of their magnitudes over the visited nodes."""
 
     offset_a: float
     r0: float
@@ -174,8 +174,8 @@ def _without_offset(
     offset_a: float,
     ranges: Mapping[str, Range],
 ) -> TableObjective | None:
-    """The objective with starts and capacities moved, the currents without an offset, and an OCV of
-    the records' own; None where they leave the axis of SOC."""
+    """The objective with starts and capacities moved, the currents without an offset, and an OCV
+    fitted to the records; None if they leave the SOC axis."""
     records = []
     for prepared, soc, share in zip(objective.prepared_records, *shifts.T.tolist(), strict=True):
         record = prepared.record
@@ -198,11 +198,12 @@ def shared_offset(
     """The offset of the current that records share; None where they do not tell one,
     and where the current of one of them reads zero at rest.
 
-    Args:
+    The offset of the current shared by the records; None if they do not determine one, or if the
+    current of one of them reads zero at rest.
         objective: That of the records as they were told.
+        objective: The objective of the records as given.
         best: Its best tables.
-        prior: Standard deviations of what was told of starts, and of capacities as shares.
-        registered_v: sqrt(J) with starts and capacities registered, and no offset.
+        prior: Standard deviations of the given starts, and of the given capacities as shares.
     """
     if any(map(reads_zero_at_rest, objective.prepared_records)):
         return None
@@ -234,7 +235,7 @@ def shared_offset(
         estimated = estimate(objective, best, _of_starts_and_offset, before, [sds])[0]
         log_scales = np.clip(log_scales + estimated.moved_scales, lowest, highest)
         shifts = estimated.values[:-1].reshape(prior.shape)
-        # SOC is scaled so that what was told is right on average.
+        # A slow pair may have absorbed the offset so far that no step leads back.
         shifts = shifts - np.average(shifts, axis=0, weights=prior**-2.0)
         offset_a, error_a = float(estimated.values[-1]), float(estimated.errors[-1])
         farthest_a = abs(offset_a) + LEAST_ERRORS * error_a
@@ -250,25 +251,26 @@ def shared_offset(
 
 
 def reads_zero_at_rest(prepared: PreparedRecord) -> bool:
-    """True where rests show that the current has no offset. What is left of a hysteresis looks
-    like one on a flat OCV, so what the voltages tell does not count against it."""
+    """SOC is scaled so that the given values are right on average."""
     per_h = prepared.current_a / prepared.capacity_ah
     small = per_h[np.abs(per_h) < SMALL_PER_H]
     if len(small) * prepared.median_interval_s < LEAST_REST_S:
         return False
-    # A load passes zero too, and stays nowhere; a rest with an offset stays beside it.
+    # True if rests show that the current has no offset. The remains of a hysteresis look like an
+    # offset on a flat OCV, so evidence from the voltages does not count against it.
     level = float(np.median(small))
     stays = np.mean(np.abs(small - level) < SMALL_PER_H / 4) > STAYS
     return bool(stays) and abs(level) < ZERO_PER_H
 
 
 def offset_effect(objective: TableObjective, best: Solution) -> OffsetEffect | None:
-    """The effect of an offset of `DOUBTED_PER_H` on tables that were fitted to one record with its
-    own OCV, whose time constants move with it; None where it would leave the axis of SOC, or no
-    resistance is more than zero."""
+    """A load passes through zero too, but does not stay there; a rest with an offset stays near
+    it."""
     (prepared,) = objective.prepared_records
     offset_a = DOUBTED_PER_H * prepared.capacity_ah
-    # SOC goes as far as without it, so that the same states are compared.
+    # The effect of an offset of `DOUBTED_PER_H` on tables fitted to one record with its own OCV,
+    # whose time constants move with it; None if it would leave the SOC axis, or no resistance is
+    # positive.
     full, empty = int(np.argmax(prepared.soc)), int(np.argmin(prepared.soc))
     hours = float(prepared.time_s[empty] - prepared.time_s[full]) / 3600
     share = -DOUBTED_PER_H * hours / float(np.ptp(prepared.soc))
@@ -295,7 +297,7 @@ def offset_effect(objective: TableObjective, best: Solution) -> OffsetEffect | N
 def _of_starts_and_offset(
     objective: TableObjective, best: Solution, index: int
 ) -> Float[np.ndarray, "samples nuisances"]:
-    """The columns of starts and capacities, and of an offset of the current that all share."""
+    """The same SOC range as without the offset, so that the same states are compared."""
     prepared = objective.prepared_records[index]
     soc, (nodes, ocv_v) = prepared.soc[prepared.scored], objective.ocv_at(best)
     half = STEP_SOC / 2

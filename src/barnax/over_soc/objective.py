@@ -1,4 +1,4 @@
-"""The objective of some tables, and its least value for given time constants."""
+"""The objective of tables over SOC, and its minimum for given time constants."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -24,10 +24,10 @@ from ..model.sampling import LEAST_SHARE
 from ..model.search_space import Range
 from .settings import TableSettings
 
-# A hysteresis beside an OCV that is fitted with it is measured from none: one that turns slowly
-# can be any part of the OCV.
+# A hysteresis fitted together with an OCV is penalized relative to none: one that turns slowly can
+# be any part of the OCV.
 GAP_RIDGE = 1e-6
-# The columns of a layout that no axis changes, by what is tabulated.
+# The columns of a layout that do not depend on an axis, by what is tabulated.
 FIXED = {
     OHMIC: "current",
     OCV: "correction",
@@ -38,8 +38,8 @@ FIXED = {
 
 class FittedTable(NamedTuple):
     """A table to fit: its name and nodes, the weight w and ridge of its penalty, and the lowest and
-    highest values of its unknowns. The unknowns of one that `rises` are its value at the first node
-    and the steps from node to node, each with a bound of its own."""
+    highest values of its unknowns. If it `rises`, the unknowns are its value at the first node and
+    the steps from node to node, each with its own bound."""
 
     name: str
     nodes: Float[np.ndarray, "nodes"]
@@ -52,13 +52,13 @@ class FittedTable(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class TableObjective(LinearObjective):
-    """J of `settings` over some records of a cell, for circuits with so many pairs.
+    """J of `settings` over records of one cell, for circuits with the same elements.
 
-    `ranges` are those of every pair's time constant in s, then of gamma where there is one, by
+    `ranges` are the ranges of every pair's time constant in s, then of gamma if there is one, by
     name; `LogScales` are the logarithms of these. `reduced` is the factor of all scored samples,
     `parts` those of the groups of `blocks_of`, whose nodes may be finer; `smoothing_scale` scales
-    all smoothing weights.
-    Factors of records (`is_of_factors`) are without samples, and stand in place of prepared ones.
+    all smoothing weights. Stored factors of records (`is_of_factors`) have no samples, and replace
+    prepared records.
     """
 
     prepared_records: Sequence[Any]
@@ -71,7 +71,7 @@ class TableObjective(LinearObjective):
 
     @property
     def numbers(self) -> dict[str, float]:
-        """The numbers of what resistances follow."""
+        """The numbers of the resistance law."""
         dependence = self.prepared_records[0].dependence
         return {} if dependence is None else dependence.numbers
 
@@ -99,8 +99,9 @@ class TableObjective(LinearObjective):
         """R0, the resistance of every pair, then the OCV or its correction, then the amplitude of a
         dynamic hysteresis, where these are tabulated.
 
-        The weight of resistances is the capacity in Ah over 1 h. From node to node, a correction of
-        an OCV that is to rise may fall by as much as the known OCV rises at least; else it is free.
+        The weight of resistances is the capacity in Ah over 1 h. If the OCV is to rise, its
+        correction may fall from node to node by at most the least rise of the known OCV; otherwise
+        it is free.
         """
         settings, layout, records = self.settings, self.reduced.layout, self.prepared_records
         nodes, ridge = np.array(layout.nodes), settings.voltage_ridge
@@ -174,7 +175,7 @@ class TableObjective(LinearObjective):
     @cached_property
     def axes(self) -> tuple[Axis, ...]:
         """The searched coordinates: the time constant of every element, whose table is the next
-        after R0, then gamma where there is one, whose table is the last."""
+        after R0, then gamma if there is one, whose table is the last."""
         layout, axes = self.reduced.layout, list[Axis]()
         parts = {name: self.reduced.part(name) for name in ("pairs", "hysteresis_response")}
 
@@ -196,7 +197,7 @@ class TableObjective(LinearObjective):
 
     @property
     def interchangeable(self) -> int:
-        """Number of RC pairs, the first ones, that can change places: those of one box."""
+        """Number of RC pairs, the first ones, that can be interchanged: those with the same box."""
         names, limits = names_of(self.elements)[: alike(self.elements)], self.settings.ranges
         boxes = [
             (axis.low, axis.high, limits.get(of_pair.resistance))
@@ -219,7 +220,7 @@ class TableObjective(LinearObjective):
 
     @cached_property
     def to_tables(self) -> Float[np.ndarray, "values unknowns"]:
-        """All tables' values from the unknowns."""
+        """The matrix from the unknowns to all tables' values."""
         return np.asarray(block_diag(*map(_unit, self._tables)))
 
     @cached_property
@@ -228,7 +229,7 @@ class TableObjective(LinearObjective):
 
     @cached_property
     def table_penalty(self) -> Float[np.ndarray, "penalties values"]:
-        """The rows of the penalty by the tables' values."""
+        """The rows of the penalty, by the tables' values."""
         scale = math.sqrt(self.smoothing_scale)
         blocks = (
             smoothing_rows(self.settings, len(table.nodes), table.weight * scale, table.ridge)
@@ -237,7 +238,8 @@ class TableObjective(LinearObjective):
         return np.asarray(block_diag(*blocks))
 
     def furthest(self, objective_v2: float) -> Float[np.ndarray, "unknowns"]:
-        """The largest size of every unknown of tables with at most this J, by their ridges."""
+        """The largest magnitude of every unknown of tables with at most this J, from their
+        ridges."""
         values = [
             np.full(len(table.nodes), np.sqrt(objective_v2 / (table.ridge * self.smoothing_scale)))
             / table.weight
@@ -248,8 +250,9 @@ class TableObjective(LinearObjective):
 
     @cached_property
     def least_r0_ohm(self) -> float:
-        """A floor of R0 at every node by the current steps of all records, for no cell is without:
-        an OCV that is wrong would be fitted with none. Zero where they do not tell it."""
+        """A lower limit of R0 at every node from the current steps of all records, because every
+        cell has some: with a wrong OCV it would be fitted as zero. Zero if they do not determine
+        it."""
         if OHMIC in self.settings.ranges:
             return 0.0
         return LEAST_SHARE * min(record.step_ohm for record in self.prepared_records)
@@ -270,9 +273,10 @@ class TableObjective(LinearObjective):
         return tuple(rows[self.block(table)] for table in range(self.tables))
 
     def ways(self, best: Solution) -> Float[np.ndarray, "values ways"]:
-        """The ways in which tables can move within their bounds, unless no sample is near.
+        """The directions in which tables can move within their bounds; those without a sample
+        nearby are left out.
 
-        Values at a bound stay. The OCV correction of nodes that a bound ties together moves as one.
+        Values at a bound stay. Nodes of the OCV correction that a bound ties together move as one.
         """
         blocks = []
         for number, table in enumerate(self._tables):
@@ -285,13 +289,13 @@ class TableObjective(LinearObjective):
     def ocv_at(
         self, best: Solution
     ) -> tuple[Float[np.ndarray, "nodes"], Float[np.ndarray, "nodes"]]:
-        """Nodes and OCV in V of a solution that has one of its own."""
+        """Nodes and OCV in V of a solution with a fitted OCV."""
         table = self.names.index(OCV)
         nodes = self.nodes_of[table]
         return nodes, self.prepared_records[0].cell.average_ocv_v(nodes) + best.values[table]
 
     def with_ocv(self, prepared: PreparedRecord, best: Solution) -> PreparedRecord:
-        """A record with the OCV of a solution that has one of its own."""
+        """A record with the fitted OCV of a solution."""
         if OCV not in self.names:
             return prepared
         table = self.names.index(OCV)
@@ -299,8 +303,8 @@ class TableObjective(LinearObjective):
         return replace(prepared, source_v=prepared.source_v + added_v)
 
     def tables_at(self, best: Solution) -> CircuitParameters:
-        """A solution as stored, pairs from fast to slow; an OCV of its own is left out. Where the
-        OCV's correction has more nodes than resistances, all are written down at its nodes."""
+        """A solution as stored, pairs from fast to slow, without a fitted OCV. If the OCV's
+        correction has more nodes than resistances, all tables are stored at its nodes."""
         layout = self.reduced.layout
         nodes = layout.ocv_nodes if OCV_CORRECTION in self.names else layout.nodes
         values = {
@@ -319,7 +323,7 @@ class TableObjective(LinearObjective):
 
 
 def _unit(table: FittedTable) -> Float[np.ndarray, "nodes nodes"]:
-    """A table's values from its unknowns."""
+    """The matrix from a table's unknowns to its values."""
     count = len(table.nodes)
     return np.tril(np.ones((count, count))) if table.rises else np.eye(count)
 
@@ -327,7 +331,7 @@ def _unit(table: FittedTable) -> Float[np.ndarray, "nodes nodes"]:
 def smoothing_rows(
     settings: TableSettings, nodes: int, weight: float, ridge: float
 ) -> Float[np.ndarray, "penalties nodes"]:
-    """The rows whose squares smooth one table: of its bends, and of its values themselves."""
+    """The rows whose squares penalize one table: its bends, and its values themselves."""
     eye = np.eye(nodes)
     bent = math.sqrt(settings.roughness) * np.diff(eye, 2, axis=0)
     return weight * np.concatenate([bent, math.sqrt(ridge) * eye])

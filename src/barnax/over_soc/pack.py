@@ -1,10 +1,11 @@
-"""The cells of a pack: one current and many voltages, so one reduction with as many right sides.
+"""The cells of a pack: one current and many voltages, so one reduction with as many right-hand
+sides.
 
-The axis of SOC is the mean cell's, and every cell has an OCV of its own on it. At the pack's time
-constants the columns of all cells are the same, and so is how they project the noise of residuals.
-What is left for each cell is a least-squares problem in a box, and the fit of its own noise.
-Derivatives by the time constants are those of the mean cell for all; with them values are given, to
-first order, at each cell's own time constants.
+The SOC axis is the mean cell's, and every cell has its own OCV on it. At the pack's time constants
+the columns of all cells are the same, and so is the projection of residual noise on them. What
+remains for each cell is a least-squares problem in a box, and the fit of its own noise. Derivatives
+by the time constants are the mean cell's for all; they give values, to first order, at each cell's
+own time constants.
 """
 
 import math
@@ -26,9 +27,9 @@ from .objective import Solution, TableObjective
 from .problem import box_of, reduced_objective
 from .settings import TableSettings
 
-# Where resistances are averaged: near the ends few samples tell them.
+# Range of SOC over which resistances are averaged: near the ends few samples determine them.
 MIDDLE = (0.1, 0.9)
-# Starts and capacities with a wider half interval than this, in SOC or as a share, are left out.
+# Starts and capacities with a wider half interval than this, in SOC or as a share, are omitted.
 WIDEST = 0.1
 R0, TOTAL, SHIFT, CAPACITY, LOADED = (
     OHMIC, "total R [Ohm]", "SOC shift", "capacity ratio", "loaded voltage [V]",
@@ -51,12 +52,12 @@ class Value:
     high: float
 
     def widened(self, reach: float) -> "Value":
-        """The value with an interval that has another independent half-width in it."""
+        """The value with its interval widened by another independent half-width."""
         low = self.value - math.hypot(self.value - self.low, reach)
         return Value(self.value, low, self.value + math.hypot(self.high - self.value, reach))
 
     def spanning(self, shifts: Sequence[float]) -> "Value":
-        """The value with an interval that includes those of equally possible ones so far off; what
+        """The value with an interval that includes equally possible values at these distances; what
         is positive stays so."""
         low = max(self.low + min([0.0, *shifts]), min(self.low, 0.0))
         return Value(self.value, low, self.high + max([0.0, *shifts]))
@@ -68,14 +69,14 @@ class PackCell:
 
     Attributes:
         name: Its column.
-        rmse_v: RMSE of its tables, by the reduction.
+        rmse_v: RMSE of its tables, from the reduction.
         tables: Its tables over the pack's SOC.
-        ocv_v: Its OCV at `ocv_nodes`; nan where no sample is near.
+        ocv_v: Its OCV at `ocv_nodes`; nan without a sample nearby.
         values: By name: R0 and the sum of all resistances, averaged over the visited nodes from 10
-            to 90 % SOC; how much fuller than the mean it starts, and its capacity over the mean's,
-            where its OCV tells them; and its voltage under 1C at the lowest visited SOC above 10 %.
-            With time constants in common these are, to first order, at those of the cell's own,
-            where `tables` are at the pack's.
+            to 90 % SOC; its start SOC minus the mean cell's, and its capacity over the mean's, if
+            its OCV determines them; and its voltage under 1C at the lowest visited SOC above 10 %.
+            With shared time constants these are, to first order, at the cell's own, while `tables`
+            are at the pack's.
     """
 
     name: str
@@ -87,11 +88,11 @@ class PackCell:
 
 @dataclass(frozen=True, eq=False)
 class PackFit:
-    """All cells of a pack on one axis of SOC, that of the mean cell.
+    """All cells of a pack on one SOC axis, that of the mean cell.
 
     Attributes:
         ocv_nodes: States of charge of the cells' OCVs.
-        loaded_soc: That of their loaded voltages.
+        loaded_soc: SOC of their loaded voltages.
         cells: The cells.
     """
 
@@ -113,13 +114,14 @@ def fit_pack(
 
     Args:
         prepared: The mean cell's record.
-        tables: Its tables, whose time constants are the pack's.
-        beside_v: How far each cell's voltage is above the mean.
-        names: What the cells are called.
-        settings: How tables are fitted.
-        has_separate_taus: Let every cell have its own, from descents that start at the pack's.
+        tables: Its tables, with the time constants of the pack.
+        beside_v: Each cell's voltage minus the mean.
+        names: Names of the cells.
+        settings: Settings of the fit.
+        has_separate_taus: Give every cell its own time constants, by descents that start at the
+        pack's.
     """
-    # On the nodes of a correction of the mean cell's, that of one that is shifted would be coarse.
+    # At the nodes of the mean cell's correction, the OCV of a shifted cell would be coarse.
     prepared = leveled([prepared])[0].following(tables.dependence)
     settings = replace(with_fitted_ocv(settings), nodes=tables.nodes, folds=0)
     constants = tables.constants
@@ -135,10 +137,11 @@ def fit_pack(
     values = np.column_stack([np.concatenate(solution.values) for solution in light])
     fit = Linearized.of(lighter, light[0], others, linearized(lighter, light[0], sides_v), values)
     by_noise = _moved(fit, lighter, fit.to_noise.T)
-    # All tables are at their best; what is left is the slope by the scales, beside the mean's.
+    # All tables are at their optimum; what is left is the slope by the scales, relative to the mean
+    # cell's.
     by_scales = fit.slopes[:, :1] - fit.slopes
     by_scales[: -len(others)] = 0.0
-    # To each side's own time constants, of tables as smoothed as they are and lightly.
+    # To each side's own time constants, for tables smoothed as usual and lightly.
     steps = [_moved(fit, weighted, by_scales) for weighted in (parts[0], lighter)]
 
     def reach_of(side: int, direction: Float[np.ndarray, "values"]) -> float:
@@ -166,15 +169,15 @@ def fit_pack(
         best = optima[side]
         rows, lightly = (np.concatenate(solution.values) for solution in (best, light[side]))
         if not has_separate_taus:
-            # What is told is at the cell's own, to first order.
+            # Reported values are at the cell's own time constants, to first order.
             rows, lightly = rows + steps[0][:, side], lightly + steps[1][:, side]
         shown: dict[str, Value] = {}
         for what, direction in directions.items():
-            # Of what is told by comparison, the values are those of the light fit.
+            # Relative quantities have the values of the lightly smoothed fit.
             is_other, level_v = what in (SHIFT, CAPACITY), loaded_v if what == LOADED else 0.0
             pair = (lightly - mean_cell,) * 2 if is_other else (rows, lightly)
             value, near = (float(direction @ tables) + level_v for tables in pair)
-            # The circuit's own error is common to all cells; the mean cell shows it best.
+            # The circuit's own error is common to all cells; the mean cell gives its best estimate.
             common = 0.0 if is_other else reach_of(0, direction)
             reach = math.hypot(reach_of(side, direction), common)
             ends = min(value, near - reach), max(value, near + reach)
@@ -192,7 +195,7 @@ def fit_pack(
 def _moved(
     fit: Linearized, weighted: TableObjective, pushes: Float[np.ndarray, "ways pushes"]
 ) -> Float[np.ndarray, "values pushes"]:
-    """The moves of smoothed tables under pushes, by the penalty of an objective."""
+    """The changes of smoothed tables under pushes, with the penalty of an objective."""
     normal = with_penalty(weighted, fit.products, fit.ways)
     moved = fit.ways @ np.linalg.lstsq(normal, pushes, UNSEEN**2)[0]
     return moved[: len(weighted.to_tables)]
@@ -207,9 +210,9 @@ def _directions(
     """The SOC at which every cell is loaded, and its quantities as combinations of its tables'
     values.
 
-    A cell that starts a fuller and has a capacity of 1 / (1 - c) of the mean's is at the pack's SOC
-    s on its own OCV at s + a + (s0 - s) c. So a and c are least squares of what its OCV is above
-    the mean's by the slope of that, each node with the weight of its variance.
+    A cell that starts fuller by a, with a capacity of 1 / (1 - c) of the mean's, is at the pack's
+    SOC s on its own OCV at s + a + (s0 - s) c. So a and c are the least squares of its OCV minus
+    the mean's by the slope of the latter, each node weighted by its inverse variance.
     """
     nodes, visited = pack.nodes_of[0], pack.visited
     is_middle = visited & (nodes >= MIDDLE[0]) & (nodes <= MIDDLE[1])

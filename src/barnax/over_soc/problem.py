@@ -1,5 +1,5 @@
-"""From prepared records to the objective of their tables and its best: blocks of samples, what is
-searched, and reduced factors."""
+"""From prepared records to the objective of their tables and its optimum: blocks of samples,
+searched constants, and reduced factors."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -27,9 +27,11 @@ from ..records.record import LEAST_REACH, reach_of_steps
 from .objective import Solution, TableObjective
 from .settings import SLOWEST_SHARE, SLOWEST_TAU_S, TableSettings
 
-# Records that go less SOC than this without turning tell nothing of the branch of that direction.
+# Records that traverse less SOC than this without turning contain no information about the branch
+# in that direction.
 BOTH_WAYS_SOC = 0.1
-# Of a dynamic hysteresis that such records do not tell: it has turned after about 10 % SOC.
+# Rate held for a dynamic hysteresis that records do not determine: it has turned after about 10 %
+# SOC.
 HELD_GAMMA = 20.0
 
 
@@ -40,8 +42,8 @@ def reduced_objective(
     ranges: Mapping[str, Range] | None = None,
     beside_v: Float[np.ndarray, "simulated sides"] | None = None,
 ) -> TableObjective:
-    """The objective over all records, in the ranges given or their own. With `beside_v`, as
-    `reduce_records` has it, its factor has a side for each voltage of one record."""
+    """The objective over all records, in the given ranges or their own. With `beside_v`, as in
+    `reduce_records`, its factor has a side for each voltage of one record."""
     ranges = ranges or box_of(prepared_records, settings)
     layout = _layout(prepared_records, settings, ranges)
     if beside_v is not None:
@@ -49,7 +51,7 @@ def reduced_objective(
     parts = reduce_records(
         prepared_records, layout, *blocks_of(prepared_records, settings), beside_v
     )
-    # What is shortened is no triangle any more, of which a side is taken.
+    # A shortened part is no longer triangular, as taking a side of it requires.
     whole = together(parts) if beside_v is None else parts[0]
     # A group visits few nodes: most rows of its triangle are empty.
     parts = [replace(part, factor=part.factor[part.factor.any(axis=1)]) for part in parts]
@@ -59,8 +61,8 @@ def reduced_objective(
 def _layout(
     prepared_records: Sequence[PreparedRecord], settings: TableSettings, ranges: Mapping[str, Range]
 ) -> Layout:
-    """Columns for the elements' time constants and gamma of these ranges, to the accuracy of the
-    scan, and far fewer where all are held. Raises `InputError` where a range is too wide."""
+    """Columns for the elements' time constants and gamma in these ranges, to the accuracy of the
+    scan, and far fewer if all are held. Raises `InputError` if a range is too wide."""
     interval_s = min(float(np.min(np.diff(prepared.time_s))) for prepared in prepared_records)
     limits = [limits for name, limits in ranges.items() if name != RATE]
     elements = get_circuit(prepared_records[0].circuit).elements
@@ -85,7 +87,7 @@ def _layout(
 def coarsened(
     finest: TableObjective, prepared_records: Sequence[PreparedRecord], settings: TableSettings
 ) -> TableObjective:
-    """The objective of a circuit with fewer nodes, pairs, or no correction of the OCV, from the
+    """The objective of a circuit with fewer nodes or pairs, or no correction of the OCV, from the
     factors of a finer one on the same records, whose parts it shares."""
     ranges = box_of(prepared_records, settings)
     reduced = finest.reduced.coarser(settings.nodes, settings.ocv_correction)
@@ -93,7 +95,7 @@ def coarsened(
 
 
 def held_at(names: Iterable[str], log_scales: Sequence[float]) -> dict[str, Range]:
-    """The ranges that hold the time constants and gamma at some scales: far less to reduce for."""
+    """The ranges that hold the time constants and gamma at given scales: far less to reduce for."""
     scales = zip(names, log_scales, strict=True)
     return {name: (math.exp(scale), math.exp(scale)) for name, scale in scales}
 
@@ -105,26 +107,26 @@ def solved_at(
     log_scales: LogScales,
     exact: bool = False,
 ) -> tuple[TableObjective, Solution]:
-    """The objective at some scales alone, and the best tables there."""
+    """The objective at the given scales alone, and its best tables."""
     held = held_at(names, log_scales)
     objective = reduced_objective(prepared_records, settings, held)
     return objective, objective.solve(log_scales, exact=exact)
 
 
 def box_of(prepared_records: Sequence[Any], settings: TableSettings) -> dict[str, Range]:
-    """The ranges of every pair's time constant, and that of gamma where there is one, by name; of
-    records that were kept too."""
+    """The ranges of every pair's time constant, and of gamma if there is one, by name; also for
+    records stored as factors."""
     circuit, ranges = get_circuit(prepared_records[0].circuit), settings.ranges
     interval_s = min(prepared.median_interval_s for prepared in prepared_records)
     duration_s = max(prepared.scored_duration_s for prepared in prepared_records)
     slowest_s = min(SLOWEST_TAU_S, duration_s * (SLOWEST_SHARE if settings.ocv_correction else 1.0))
-    # What is much faster than the sampling cannot be told from the ohmic resistance. A pulse test
-    # logs its rests slowly and its pulses fast, which tell.
+    # A time constant far below the sampling interval cannot be distinguished from the ohmic
+    # resistance. A pulse test logs its rests slowly and its pulses fast; the pulses count.
     dense_s = min(prepared.dense_interval_s for prepared in prepared_records)
     fastest_s = min(max(min(FASTEST_TAU_S, 2 * interval_s), dense_s / 2), slowest_s)
     box, allowed = {}, {OHMIC, RATE}
     for names, element in zip(names_of(circuit.elements), circuit.elements, strict=True):
-        # The box is of the slowest RC pair that counts.
+        # The range of an element is that of its slowest RC pair that matters.
         ratio = get_element(element).slowest_ratio
         box[names.tau] = ranges.get(names.tau, (fastest_s / ratio, slowest_s / ratio))
         allowed |= {names.tau, names.resistance}
@@ -142,14 +144,15 @@ def box_of(prepared_records: Sequence[Any], settings: TableSettings) -> dict[str
     if any(high < math.nextafter(low, 0) for low, high in box.values()):
         raise InputError("the bounds leave no range for the time constants; widen them")
     if circuit.has_rate:
-        # Held where the records do not tell it, and nothing else is asked for.
+        # Held if the records do not determine it, unless it is requested.
         is_shown = settings.half_hysteresis or least_travel_soc(prepared_records) >= BOTH_WAYS_SOC
         box[RATE] = ranges.get(RATE, RATE_RANGE if is_shown else (HELD_GAMMA, HELD_GAMMA))
     return box
 
 
 def least_travel_soc(prepared_records: Sequence[PreparedRecord]) -> float:
-    """The longest way of the SOC without turning back, in the direction where that is shorter."""
+    """The longest travel of the SOC without turning back, in the direction where that is
+    shorter."""
 
     def furthest(soc: Float[np.ndarray, "samples"], extreme: np.ufunc) -> float:
         ends = extreme.accumulate(soc)
@@ -162,9 +165,10 @@ def least_travel_soc(prepared_records: Sequence[PreparedRecord]) -> float:
     )
 
 
-# Fewest blocks of a record in a fold, unless they would be shorter than the residuals' correlation.
+# Fewest blocks of a record in a fold, unless they would be shorter than the residuals' correlation
+# time.
 FEWEST_BLOCKS, SHORTEST_BLOCK_S = 5, 30.0
-# The lowest SOC of every band in which held-out errors are summed; the last is that above 10 %.
+# The lowest SOC of every band in which held-out errors are summed; the last band is above 10 %.
 BANDS = (-math.inf, 0.03, ABOVE_SOC)
 
 
@@ -180,10 +184,10 @@ def block_numbers(
 def blocks_of(
     prepared_records: Sequence[PreparedRecord], settings: TableSettings
 ) -> tuple[list[Groups], int]:
-    """Functions that number the groups of a record's samples, -1 where one is not scored, and how
-    many groups there are.
+    """Functions that number the groups of a record's samples, -1 for one that is not scored, and
+    the number of groups.
 
-    A record has two groups a fold, one fold after the other: its samples below 10 % SOC and those
+    A record has two groups per fold, one fold after the other: its samples below 10 % SOC and those
     above, in every `folds`-th block.
     """
     folds = settings.folds
@@ -201,20 +205,20 @@ def blocks_of(
 
 
 def are_left_out_whole(prepared_records: Sequence[PreparedRecord]) -> bool:
-    """True where the others tell the circuit without any one of the records: no charge alone
-    does."""
+    """True if the circuit can be identified without any one of the records: a charge alone does not
+    suffice."""
     return len(prepared_records) > 1 and sum(map(is_loaded, prepared_records)) > 1
 
 
 def is_loaded(prepared: PreparedRecord) -> bool:
-    """True where the current steps at many states of charge; a charge steps at its ends."""
+    """True if the current steps at many states of charge; in a charge it steps at the ends."""
     scored = prepared.scored
     return reach_of_steps(prepared.held_a[scored], prepared.soc[scored]) > LEAST_REACH
 
 
 def block_length_s(prepared: PreparedRecord, settings: TableSettings) -> float:
-    """The length of a record's blocks: shorter ones where it has room for few in a fold, which
-    would each hold out a range of SOC that no other sample visits."""
+    """The length of a record's blocks: shorter if the record has only a few per fold, each of which
+    would hold out a range of SOC that no other sample visits."""
     room_s = prepared.scored_duration_s / (settings.folds * FEWEST_BLOCKS)
     return min(settings.block_s, max(room_s, SHORTEST_BLOCK_S))
 
@@ -222,8 +226,9 @@ def block_length_s(prepared: PreparedRecord, settings: TableSettings) -> float:
 def numbered_blocks(
     prepared_records: Sequence[PreparedRecord], settings: TableSettings
 ) -> tuple[list[Int[np.ndarray, "simulated"]], int]:
-    """The block of every sample, counted over all records, -1 where one is not scored, and how many
-    there are. A record's first block is of the first fold, so that each has its number's."""
+    """The block of every sample, counted over all records, -1 for one that is not scored, and the
+    number of blocks. A record's first block belongs to the first fold, so that a block's number
+    gives its fold."""
     numbered, first, folds = [], 0, max(settings.folds, 1)
     for prepared in prepared_records:
         block = block_numbers(prepared, settings)
@@ -232,15 +237,15 @@ def numbered_blocks(
     return numbered, first
 
 
-# Grid points of a time constant by the number of pairs, alone and beside gamma, and of gamma.
+# Grid points per time constant by the number of pairs, alone and with gamma, and of gamma.
 GRID = GridSizes({1: 64, 2: 20, 3: 10, 4: 8}, {1: 32, 2: 12, 3: 8, 4: 7}, 8)
-# Lowest points of the grid that are polished.
+# Number of lowest grid points that are polished.
 MAX_MINIMA = 4
 
 
 def find_best(objective: Descended[Polished]) -> Polished:
-    """The best tables and time constants that a grid and descents from its minima find."""
-    # Two pairs with one time constant are one pair, and searched only where there is no other.
+    """The best tables and time constants from a grid and descents from its minima."""
+    # Two pairs with one time constant are one pair, and searched only if there is nothing else.
     starts = lowest_scales(objective, GRID, apart=True)[:MAX_MINIMA]
     ends = [polish(objective, objective.solve(start)) for start in starts]
     best = min(ends, key=lambda end: end.objective_v2)

@@ -1,7 +1,8 @@
-"""Records kept as their factors: what a fit of any grouping of them needs, without their samples.
+"""Records stored as their factors: all that a fit of any group of them needs, without their
+samples.
 
-A factor here is of one grid of time constants for all records, so that those of any records can be
-joined: the triangular factor of two is that of their rows together. The grid answers every time
+A factor here is for one grid of time constants for all records, so that any of them can be joined:
+the triangular factor of two records is that of their rows together. The grid represents every time
 constant between its ends to 1e-7 of the largest current.
 """
 
@@ -30,27 +31,27 @@ from .objective import Solution, TableObjective
 from .problem import box_of, find_best
 from .settings import TableSettings
 
-# Bound on the error of a pair's answer between the grid's ends, relative to the largest current.
+# Bound on the error of a pair's response between the grid's ends, relative to the largest current.
 TOLERANCE = 1e-7
 # Rows of a factor that add less than this to any column's RMS, in V, are left out.
 NEGLIGIBLE_V = 1e-9
 OcvSource = Literal["OCV test", "own"]
-# What a fit asks of a record, as `PreparedRecord` has it.
+# What a fit needs of a record, as in `PreparedRecord`.
 INTERVALS = ("median_interval_s", "dense_interval_s")
 FACTS = ("capacity_ah", "step_ohm", *INTERVALS, "scored_duration_s")
 
 
 @dataclass(frozen=True)
 class Grid:
-    """The columns that are kept: one choice for all records that are to be fitted together.
+    """The stored columns: one choice for all records that are to be fitted together.
 
     Args:
         low_s: Fastest time constant that a fit may try.
-        high_s: Slowest one.
-        circuit: Name of the circuit, one without dynamic hysteresis.
-        nodes: States of charge of the resistances' tables; a single one is a constant circuit,
-            whose OCV is that of the test as it is.
-        ocv: Whether the OCV is that of a test, with a correction of it, or one of the records' own.
+        high_s: Slowest time constant that a fit may try.
+        circuit: Name of the circuit, without dynamic hysteresis.
+        nodes: States of charge of the resistances' tables; a single one is a constant circuit, with
+            the OCV of the test unchanged.
+        ocv: Whether the OCV is that of a test, with a correction, or is fitted to the records.
     """
 
     low_s: float = 1.0
@@ -92,13 +93,14 @@ class Grid:
 
 @dataclass(frozen=True, eq=False)
 class NodeOcv:
-    """The OCV that a record's errors are counted from: in V and its least slopes, at the nodes."""
+    """The OCV relative to which a record's errors are stored: in V and its least slopes, at the
+    nodes."""
 
     ocv_v: Float[np.ndarray, "nodes"]
     slopes_v: Float[np.ndarray, "intervals"]
 
     def average_ocv_v(self, nodes: Float[np.ndarray, "nodes"]) -> Float[np.ndarray, "nodes"]:
-        """At the nodes, the only place where it is known."""
+        """At the nodes, the only points where it is defined."""
         del nodes
         return self.ocv_v
 
@@ -110,11 +112,12 @@ class NodeOcv:
 
 @dataclass(frozen=True, eq=False)
 class RecordFactors:
-    """A record's factors and what a fit asks of it besides: all that its length costs.
+    """A record's factors and everything else a fit needs of it: all work that depends on its
+    length.
 
-    `parts` are of the samples below and above 10 % SOC, which errors are told of by themselves.
-    `visited` and `visited_ocv` say which nodes some sample is nearest to, and the numbers are those
-    of `PreparedRecord`.
+    `parts` are for the samples below and above 10 % SOC, whose errors are reported separately.
+    `visited` and `visited_ocv` are True at the nodes nearest to some sample, and the numbers are
+    those of `PreparedRecord`.
     """
 
     name: str
@@ -136,7 +139,7 @@ class RecordFactors:
 
     @property
     def scored(self) -> int:
-        """Number of samples that count."""
+        """Number of scored samples."""
         return sum(part.scored for part in self.parts)
 
     def nearest(self, nodes: Float[np.ndarray, "nodes"]) -> Bool[np.ndarray, "nodes"]:
@@ -144,14 +147,15 @@ class RecordFactors:
         return self.visited if np.array_equal(nodes, self.grid.nodes) else self.visited_ocv
 
     def constant(self) -> "RecordFactors":
-        """A copy for a circuit with one value of each resistance at every SOC, and a fitted OCV
-        where it has one."""
+        """A copy for a circuit with one value of each resistance at every SOC, and a fitted OCV if
+        it has one."""
         grid = replace(self.grid, nodes=ANYWHERE)
         parts = tuple(part.coarser(has_ocv=grid.layout.has_correction) for part in self.parts)
         return replace(self, grid=grid, visited=np.array([True]), parts=parts)
 
     def counted_from(self, ocv: NodeOcv) -> "RecordFactors":
-        """A copy with errors relative to another OCV, which differs by lines between nodes."""
+        """A copy with errors relative to another OCV, which differs by straight lines between
+        nodes."""
         apart_v = self.cell.ocv_v - ocv.ocv_v
         if not np.any(apart_v):
             return self
@@ -165,8 +169,8 @@ class RecordFactors:
 
 
 def factors_of(prepared: PreparedRecord, grid: Grid | None = None) -> RecordFactors:
-    """A record's factors on a grid; that of a cell without an OCV test has its OCV among the
-    columns. Raises `InputError` where the grid's circuit does not fit the cell."""
+    """A record's factors on a grid; for a cell without an OCV test the OCV is among the columns.
+    Raises `InputError` if the grid's circuit does not fit the cell."""
     (record,) = factors_of_cells(prepared, grid or Grid())
     return record
 
@@ -178,7 +182,7 @@ def factors_of_cells(
     beside_v: Float[np.ndarray, "simulated cells"] | None = None,
     names: Sequence[str] = (),
 ) -> list[RecordFactors]:
-    """The factors of every cell of a pack, whose voltages are so far above the record's."""
+    """The factors of every cell of a pack, whose voltages are `beside_v` above the record's."""
     cell = prepared.cell
     simulated = prepare_record(prepared.record, cell, grid.circuit, prepared.window)
     if cell.ocv_is_fitted:
@@ -207,7 +211,7 @@ def factors_of_cells(
 
 def _shortened(part: Reduced) -> Reduced:
     factor = shorten(part.factor, NEGLIGIBLE_V * np.sqrt(max(part.scored, 1)))
-    # What is shorter than a multiple of rows was filled up.
+    # A factor of fewer rows than the padded multiple was filled up.
     filled = max(1, int(np.count_nonzero(np.any(factor, axis=1))))
     return replace(part, factor=factor[:filled])
 
@@ -216,16 +220,16 @@ def _shortened(part: Reduced) -> Reduced:
 def fit_factors(
     records: Sequence[RecordFactors], settings: TableSettings | None = None
 ) -> TableFit:
-    """The best tables of some records together, as `fit_tables` finds them from samples.
+    """The best tables for several records together, as `fit_tables` computes them from samples.
 
-    There is no proof. Intervals are of the spread of at least three records' own fits: what is
-    correlated within a record is not kept.
+    There is no proof. Intervals come from the spread of the fits to at least three single records,
+    because the correlation within a record is not stored.
 
     Args:
         records: Their factors on one grid, whose states of charge are on one axis.
         settings: Weights, bounds and fixed values; the nodes are the grid's.
 
-    Raises `InputError` where records are on different grids.
+    Raises `InputError` if records are on different grids.
     """
     first = records[0]
     for record in records:
@@ -246,7 +250,7 @@ def fit_factors(
 
 
 def objective_of(records: Sequence[RecordFactors], settings: TableSettings) -> TableObjective:
-    """The objective; time constants are those of the records that the grid answers."""
+    """The objective; time constants are limited to the range of the grid."""
     grid = records[0].grid
     layout = grid.layout
     settings = replace(
@@ -266,14 +270,14 @@ def objective_of(records: Sequence[RecordFactors], settings: TableSettings) -> T
         for name, (low, high) in box_of(records, settings).items()
     }
     parts = [part for record in records for part in record.parts]
-    # Factors of few rows join one of no samples.
+    # Factors with few rows are joined to one without samples.
     none = Reduced(layout, 0, np.zeros((layout.width, layout.width)))
     joined = together([none, *parts])
     return TableObjective(records, settings, ranges, joined, parts, is_of_factors=True)
 
 
 def _without_noise(objective: TableObjective, best: Solution) -> tuple[NodeInterval, ...]:
-    """The values of visited nodes, time constants and means, whose intervals are not known yet."""
+    """The values of visited nodes, time constants and means, without intervals."""
     rows, scales = np.concatenate(best.values), np.exp(best.log_scales)
     values = {key: float(rows[row]) for key, row in objective.visited_rows.items()}
     names = [(axis.name, None) for axis in objective.axes]

@@ -1,13 +1,13 @@
-"""Starts and capacities of the records of one cell, told by each other.
+"""Starts and capacities of the records of one cell, estimated from all of them together.
 
-What is called full differs by some tenths of a percent of SOC from one charge to the next, and so
-does what a coulomb counter counts. In the records of one cell that is most of the error left near
-empty, where the OCV is steep. To first order the voltage is linear in a record's start and
-capacity: dv = U'(s) (ds0 + (s0 - s) dC / C). They are fitted together with all tables, each held to
-what was told by a prior, and the record is prepared again.
+The SOC that is called full differs by some tenths of a percent from one charge to the next, and so
+does the charge that a coulomb counter counts. In the records of one cell this is most of the error
+left near empty, where the OCV is steep. To first order the voltage is linear in a record's start
+and capacity: dv = U'(s) (ds0 + (s0 - s) dC / C). They are fitted together with all tables, each
+with a prior at its given value, and the record is prepared again.
 
-One record alone, whose rests are far from the OCV test, is registered on that test: on a flat OCV
-3 % of the charge, lost between two testers, is a wrong voltage of hundreds of mV near empty, which
+A single record, whose rests are far from the OCV test, is registered on that test: on a flat OCV, 3
+% of the charge, lost between two testers, is a voltage error of hundreds of mV near empty, which
 tables would take for resistance and for an OCV that no other record has.
 """
 
@@ -36,23 +36,23 @@ from .nuisances import estimate, of_starts, shared_offset
 from .problem import box_of, find_best, is_loaded, reduced_objective, solved_at
 from .settings import TableSettings
 
-# Standard deviations of what is told: of a start at a full charge, of the voltage at a rest, of the
-# start that this tells at most, and of a capacity.
+# Standard deviations of a start at a full charge, of the voltage at a rest, of a start derived from
+# a rest at most, and of a capacity.
 FULL_SD, REST_SD_V, MAX_SD, CAPACITY_SD = 0.004, 0.005, 0.05, 0.002
 FROM_VOLTAGE = ("rested voltage", "rest elsewhere", "fitted")
 # Standard errors from a value to either end of its interval.
 REACH = float(ndtri((1 + CONFIDENCE) / 2))
-# One record alone: the shortest rest and the least distance of its end from the OCV; the standard
-# deviation of counted charge as a share of the capacity; the reach of the descent in standard
-# deviations, its first steps in start and share, and its evaluations.
+# For a single record: the shortest rest and the least distance of its end from the OCV; the
+# standard deviation of counted charge as a share of the capacity; the reach of the descent in
+# standard deviations, its first steps in start and share, and its evaluations.
 LEAST_REST_S, FAR_V = 240.0, 0.1
 COUNTED_SD, FURTHEST, FIRST_STEPS, LOOKS = 0.03, 2.5, (-0.003, 0.005), 40
-# By which share of sqrt(J) tables of one record alone fit better at another start.
+# Least reduction of sqrt(J), as a share, for another start of a single record.
 LEAST_FALL = 0.1
-# Fast records are registered in means over this.
+# Fast records are registered on means over this.
 MEANS_S = 1.0
-# The tables change with it: registered again until nothing moves by more than this share of its
-# standard error, or so often.
+# The tables change with each registration: it is repeated until nothing moves by more than this
+# share of its standard error, at most this often.
 SETTLED, ROUNDS = 0.2, 5
 
 
@@ -66,19 +66,19 @@ def register(
     """Several records of one cell with their starts and capacities registered, in their windows.
 
     Args:
-        prepared_records: The records as they were told, with the cell's OCV.
-        settings: How tables are fitted to them, with a table of the OCV or its correction.
-        rounds: How often at most; the first is nearly all of it.
-        log_scales: Logarithms of the time constants and gamma; None finds the best.
+        prepared_records: The records as given, with the cell's OCV.
+        settings: Settings of the tables fitted to them, with a table of the OCV or its correction.
+        rounds: Most rounds; the first gives nearly all of the result.
+        log_scales: Logarithms of the time constants and gamma; None searches for the best.
 
-    Where the records leave the axis of SOC so, they stay as they were told.
+    If the records would leave the SOC axis, they stay as given.
     """
     plain = replace(settings, folds=0, max_boxes=0)
     means = [in_seconds(prepared).following(prepared.dependence) for prepared in prepared_records]
     records, moves = list(means), np.empty((0, 4))
     prior = np.array([prior_sd(prepared) for prepared in prepared_records])
     shifts, errors = np.zeros_like(prior), np.zeros_like(prior)
-    # SOC is scaled so that what was told is right on average.
+    # SOC is scaled so that the given values are right on average.
     shares = (prior**-2.0 / np.sum(prior**-2.0, axis=0))[:, :, None] * np.eye(2)
     to_axis = np.eye(prior.size) - np.tile(shares.reshape(-1, 2).T, (len(prior), 1))
     dependence = prepared_records[0].dependence
@@ -105,8 +105,9 @@ def register(
         records = [prepared.following(dependence) for prepared in moved_means]
         if is_settled:
             break
-    # Straight lines between nodes, of resistances and of the OCV's correction, move them by as much
-    # about as those between every second do; by no more than what was given leaves open.
+    # The effect of straight lines between nodes, of resistances and of the OCV's correction, is
+    # about the change when only every second node is used; it is limited to what the given values
+    # leave open.
     nodes, ocv_nodes = plain.nodes, plain.nodes_of_ocv
     halved = [(_halved(nodes), ocv_nodes), (nodes, _halved(ocv_nodes))]
     for nodes, ocv_nodes in halved if rounds > 1 else []:
@@ -128,7 +129,7 @@ def _halved(nodes: tuple[float, ...]) -> tuple[float, ...]:
 
 
 def in_seconds(prepared: PreparedRecord) -> PreparedRecord:
-    """A fast record in means over a second, for what is slow; itself where it is none."""
+    """A fast record in means over a second, for slow dynamics; other records unchanged."""
     means = in_means(prepared.record, MEANS_S)
     return prepared if means is prepared.record else prepared.in_window(prepared.window, means)
 
@@ -140,8 +141,8 @@ def _all_moved(
     follows: Dependence | None,
     **shared: float,
 ) -> list[PreparedRecord] | None:
-    """The records with their starts and capacities moved from those that were told, each as its row
-    of moves says; None where one of them cannot be."""
+    """The records with their starts and capacities moved from the given ones, each by its row of
+    moves; None if one of them is impossible."""
     tried = [
         with_start(prepared, given, *move, follows=follows, **shared)
         for prepared, given, move in zip(prepared_records, as_given, moves.tolist(), strict=True)
@@ -154,12 +155,12 @@ def _all_moved(
 def register_alone(prepared: PreparedRecord, settings: TableSettings) -> PreparedRecord:
     """A record with the start and capacity at which its tables fit best, with the OCV of its cell.
 
-    It stays as it was told where its rests lie on the OCV, where tables fit it no better by a
-    tenth, and where blocks that are held out are predicted worse.
+    It stays as given if its rests lie on the OCV, if tables fit it no better by a tenth, or if
+    held-out blocks are predicted worse.
 
     Args:
-        prepared: The record as it was told, with the OCV of a test.
-        settings: How tables are fitted to it.
+        prepared: The record as given, with the OCV of a test.
+        settings: Settings of the tables fitted to it.
     """
     rest = _far_rest(prepared)
     if rest is None:
@@ -178,7 +179,7 @@ def register_alone(prepared: PreparedRecord, settings: TableSettings) -> Prepare
             return np.inf
         return solved_at([record], plain, objective.ranges, at)[1].objective_v2
 
-    # By the rest alone; time constants of what was told would be those of its wrong OCV.
+    # From the rest alone; the time constants at the given start would be fitted to a wrong OCV.
     guess = np.array([0.0, rest.share])
     guessed = moved(guess)
     if guessed is None:
@@ -188,7 +189,7 @@ def register_alone(prepared: PreparedRecord, settings: TableSettings) -> Prepare
     at = find_best(reduced_objective([guessed], plain)).log_scales
     simplex = guess + np.array([(0.0, 0.0), (FIRST_STEPS[0], 0.0), (0.0, FIRST_STEPS[1])])
     options = {"initial_simplex": simplex, "maxfev": LOOKS, "xatol": 1e-4, "fatol": 0.0}
-    # Beyond its reach the objective is infinite, and infinities are subtracted.
+    # Beyond the reach of the descent the objective is infinite, and infinities are subtracted.
     with np.errstate(invalid="ignore"):
         best = minimize(objective_v2, guess, method="Nelder-Mead", options=options)
     registered = moved(best.x)
@@ -199,7 +200,7 @@ def register_alone(prepared: PreparedRecord, settings: TableSettings) -> Prepare
     after = held_out(*solved_at([registered], settings, names, at))
     if before is not None and after is not None:
         one, other = after.errors, before.errors
-        # Of all samples, or of those above 10 % SOC.
+        # Over all samples, or over those above 10 % SOC.
         if one.rmse_v > other.rmse_v or (one.above_v or 0.0) > (other.above_v or math.inf):
             return prepared
     prior = furthest / FURTHEST
@@ -211,9 +212,9 @@ def register_alone(prepared: PreparedRecord, settings: TableSettings) -> Prepare
 def counted_alike(
     given: Sequence[PreparedRecord], registered: Sequence[PreparedRecord]
 ) -> list[PreparedRecord]:
-    """Records registered alone, and charges, whose rests tell nothing, over the capacity that the
-    OCV test tells of those: testers of one cell count some percent apart, and its records are
-    mostly of one of them."""
+    """Records registered alone, and charges, whose rests contain no information, over the capacity
+    that the OCV test gives for the registered ones: testers of one cell count some percent apart,
+    and its records are mostly from one of them."""
     pairs = list(zip(given, registered, strict=True))
     shares = [after.capacity_ah / one.capacity_ah for one, after in pairs if after is not one]
     if not shares:
@@ -228,7 +229,7 @@ def counted_alike(
         moved = with_start(prepared, prepared, *move, by="OCV test")
         if moved is None:
             return None
-        # Where it starts is found as before.
+        # The start is determined as before.
         registration, capacity_ah = moved.window.registration, share * prepared.capacity_ah
         window = replace(prepared.window, capacity_ah=capacity_ah, registration=registration)
         return prepared.in_window(window)
@@ -239,8 +240,8 @@ def counted_alike(
 
 
 class _Rest(NamedTuple):
-    """The last sample of a rest, how far its voltage is from the OCV at the state of charge that
-    is counted there, and by which share another capacity would put it there."""
+    """The last sample of a rest, the distance of its voltage from the OCV at the counted SOC, and
+    the relative change of capacity that would put it there."""
 
     sample: int
     apart_v: float
@@ -248,7 +249,7 @@ class _Rest(NamedTuple):
 
 
 def rest_warnings(prepared: PreparedRecord) -> list[Notice]:
-    """A warning where a rest lies far from the OCV: the capacity or the start may be wrong."""
+    """A warning if a rest lies far from the OCV: the capacity or the start may be wrong."""
     rest = _far_rest(prepared)
     if rest is None:
         return []
@@ -263,7 +264,7 @@ def rest_warnings(prepared: PreparedRecord) -> list[Notice]:
 
 
 def _far_rest(prepared: PreparedRecord) -> _Rest | None:
-    """The rest whose voltage is furthest from the OCV; None where none is far."""
+    """The rest whose voltage is furthest from the OCV; None if none is far."""
     farthest: _Rest | None = None
     resting = np.abs(prepared.current_a) < prepared.rest_current_a
     for first, last in zip(*runs(resting), strict=True):
@@ -272,7 +273,7 @@ def _far_rest(prepared: PreparedRecord) -> _Rest | None:
         if not is_long or not prepared.scored[last] or not gone_soc:
             continue
         voltage_v = float(prepared.voltage_v[last])
-        # Between points that are far apart the OCV may be anywhere between theirs.
+        # Between distant OCV points, any voltage between theirs is accepted.
         around_v = prepared.cell.ocv_around_v(float(prepared.soc[last]))
         apart_v = voltage_v - min(max(voltage_v, min(around_v)), max(around_v))
         if abs(apart_v) <= (abs(farthest.apart_v) if farthest else FAR_V):
@@ -287,14 +288,14 @@ def _far_rest(prepared: PreparedRecord) -> _Rest | None:
 
 
 def prior_sd(prepared: PreparedRecord, level_v: float = 0.0) -> tuple[float, float]:
-    """The standard deviations of a record's start and of its capacity, as a share, with an OCV
-    whose level is known within `level_v`."""
+    """The standard deviations of a record's start in SOC and of its capacity, as a share, with an
+    OCV whose level is known within `level_v`."""
     start_sd = FULL_SD
     if prepared.start.soc_source in FROM_VOLTAGE:
         slope = abs(float(prepared.cell.ocv_slope(np.array([prepared.start.soc]))[0]))
         start_sd = min(max(start_sd, (REST_SD_V + level_v) / max(slope, 1e-9)), MAX_SD)
     start_sd = min(float(np.hypot(start_sd, prepared.start.soc_sd)), MAX_SD)
-    # A capacity that contradicts the cell's is in doubt by as much.
+    # A capacity that contradicts the cell's is uncertain by the difference.
     capacity_sd, is_given = CAPACITY_SD, prepared.window.capacity_ah is not None
     if not is_given:
         capacity_sd = max(capacity_sd, abs(prepared.capacity_ah / prepared.cell.capacity_ah - 1))
@@ -311,9 +312,8 @@ def with_start(
     follows: Dependence | None = None,
     **by: Any,
 ) -> PreparedRecord | None:
-    """The record with its start and capacity moved from those of one as it was told, `by` what, as
-    `Registration` has it; None where it cannot be, or more of it than before lies far beyond the
-    OCV points."""
+    """The record with its start and capacity moved from the given ones, `by` as in `Registration`;
+    None if it is impossible, or if more of it than before lies far beyond the OCV points."""
     soc, capacity_ah = given.start.soc, given.capacity_ah
     moved_soc, moved_ah = soc + soc_shift, capacity_ah * (1 + share)
     reach, reach_ah = REACH * soc_error, capacity_ah * REACH * share_error

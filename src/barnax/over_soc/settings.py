@@ -12,9 +12,9 @@ from ..model.search_space import Range
 from ..settings import NODES, TableOptions
 
 SLOWEST_TAU_S = 1000.0
-# With an OCV correction a slower pair than this share of the record imitates a wrong capacity.
+# With an OCV correction, a pair slower than this share of the record imitates a wrong capacity.
 SLOWEST_SHARE = 0.1
-# What can be bounded or fixed; which of these a circuit has is known when it is fitted.
+# Parameters that can be bounded or fixed; which of these a circuit has is checked in the fit.
 TABULATED = re.compile(r"R(\d|_\w+) \[Ohm\]|tau(\d|_\w+) \[s\]|gamma")
 
 
@@ -69,13 +69,13 @@ class TableSettings(TableOptions):
 
 
 def circuit_name(model: str, over: str | None) -> str:
-    """A circuit in a sentence, with what is a table in it: of "ocv" the OCV alone."""
+    """A circuit in a sentence, with its tabulated quantity: "ocv" for the OCV alone."""
     suffixes = {None: "", "ocv": " with a fitted OCV", "soc": " with tables over SOC"}
     return model + suffixes.get(over, " with tables over SOC and temperature")
 
 
 def table_name(model: str, over: str | None) -> str:
-    """The name of a circuit in a table, where tables over SOC come first."""
+    """The name of a circuit in a table of results; tables over SOC come first."""
     name = circuit_name(model, over)
     _, tables, over_what = name.partition(" with tables")
     return f"tables{over_what} ({model})" if tables else name

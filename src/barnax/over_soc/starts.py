@@ -1,5 +1,5 @@
-"""Records of a cell without an OCV test: where they start on the axis of SOC, over which capacity,
-and from which direction."""
+"""Records of a cell without an OCV test: their starts on the SOC axis, the capacity of the axis,
+and the direction of the current before each start."""
 
 from collections import ChainMap
 from collections.abc import Mapping, Sequence
@@ -33,14 +33,14 @@ from .problem import find_best, reduced_objective, solved_at
 from .registration import MEANS_S, ROUNDS, register
 from .settings import TableSettings
 
-# A start lies so far outside 0 to 1 where another full charge was a little fuller.
+# A start may lie this far outside 0 to 1, because another full charge was a little fuller.
 NEARLY_SOC = 0.02
-# A usual cell under load is never empty above this.
+# Usual cells under load are never empty above this.
 NEVER_EMPTY_V = 3.4
 
 
 def require_on_axis(record: Record, window: Window, capacity_ah: float):
-    """Raise `InputError` where a record in its window of `axis_of` leaves the axis of SOC."""
+    """Raise `InputError` if a record in its window of `axis_of` leaves the SOC axis."""
     initial_soc = window.initial_soc or 0.0
     rest_a = window.rest_current_a or record.rest_current_a(capacity_ah)
     first = first_sample(record, window, rest_a)
@@ -57,8 +57,8 @@ def require_on_axis(record: Record, window: Window, capacity_ah: float):
 
 
 def axis_of(record: Record, window: Window, capacity_ah: float) -> Window:
-    """The window of a record with its start on the axis: as given, by a full charge, or with its
-    fullest sample as full."""
+    """The window of a record with its start on the axis: as given, from a full charge, or with its
+    fullest sample taken as full."""
     if window.initial_soc is not None:
         return replace(window, soc_source=None, capacity_ah=capacity_ah)
     rest_a = window.rest_current_a or record.rest_current_a(capacity_ah)
@@ -78,8 +78,8 @@ def axis_of(record: Record, window: Window, capacity_ah: float) -> Window:
 
 
 class Starts(NamedTuple):
-    """The windows of records with their starts, what speaks against them, and the RMSE in V with
-    the other direction of records whose direction before the start was found."""
+    """The windows of records with their starts, the evidence against these, and, for records whose
+    direction before the start was determined by the fit, the RMSE in V with the other direction."""
 
     windows: dict[str, Window]
     warnings: tuple[Notice, ...] = ()
@@ -88,14 +88,14 @@ class Starts(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class UntestedRecords:
-    """Records of one cell without an OCV test, and where they start on the axis of its SOC.
+    """Records of one cell without an OCV test, and their starts on its SOC axis.
 
     Attributes:
         records: The records.
         windows: Their windows, as given.
-        settings: How tables are fitted.
+        settings: Settings of the fit.
         capacity_ah: The capacity of the axis.
-        capacity_origin: Where that comes from.
+        capacity_origin: Source of that capacity.
     """
 
     records: Sequence[Record]
@@ -112,9 +112,9 @@ class UntestedRecords:
         settings: TableSettings,
         capacity_ah: float | None = None,
     ) -> "UntestedRecords":
-        """The records on the axis of one capacity, given or the widest span of a record.
+        """The records on the axis of one capacity: the given one, or the widest span of a record.
 
-        Raises `InputError` where that is not known.
+        Raises `InputError` if it is missing.
         """
         given = {windows[record.name].capacity_ah for record in records} - {None}
         if len(given) > 1:
@@ -140,25 +140,27 @@ class UntestedRecords:
 
     @property
     def level(self) -> CellModel:
-        """A cell whose OCV says nothing."""
+        """A cell with a constant OCV."""
         return level_cell(self.capacity_ah, float(np.median(self.records[0].voltage_v)))
 
     def settings_of(self, circuit: str) -> TableSettings:
-        """The settings with a table of the OCV, and one of a dynamic hysteresis."""
+        """The settings with a table of the OCV, and one of a dynamic hysteresis if the circuit has
+        it."""
         return with_fitted_ocv(self.settings, circuit)
 
     def prepared(
         self, circuit: str, windows: Mapping[str, Window], cell: CellModel | None = None
     ) -> list[PreparedRecord]:
-        """The records in these windows, made ready for a circuit, with a cell that is known."""
+        """The records in these windows, prepared for a circuit, with the given cell or a constant
+        OCV."""
         cell = cell or self.level
         return [
             prepare_record(record, cell, circuit, windows[record.name]) for record in self.records
         ]
 
     def starts_by_temperature(self, circuit: str) -> Starts:
-        """The starts of the records by the OCV of each temperature. Raises `InputError` where a
-        start or a temperature is not known."""
+        """The starts of the records from the OCV at each temperature. Raises `InputError` if a
+        start or a temperature is missing."""
         measured: list[tuple[float, Record]] = []
         for record in self.records:
             if (degc := temperature_of(record, self.windows[record.name])) is None:
@@ -172,8 +174,8 @@ class UntestedRecords:
         )
 
     def starts(self, circuit: str, simpler: Starts | None = None) -> Starts:
-        """The starts of the records by the best tables of a circuit, given those of a simpler one
-        where these are known. Raises `InputError` where a start is not known."""
+        """The starts of the records from the best tables of a circuit, given those of a simpler one
+        if there are any. Raises `InputError` if a start is missing."""
         windows = {
             record.name: axis_of(record, self.windows[record.name], self.capacity_ah)
             for record in self.records
@@ -196,7 +198,7 @@ class UntestedRecords:
             for prepared in self.prepared(circuit, windows)
         )
         if turned or is_open:
-            # A start would move to make up for a direction that is wrong.
+            # A start would move to compensate a wrong direction.
             _, objective, _, directions = self._fitted(circuit, windows, turned)
             windows = windows_of(objective.prepared_records)
             for one in objective.prepared_records:
@@ -209,8 +211,8 @@ class UntestedRecords:
     def _by_rest(
         self, record: Record, cell: CellModel, circuit: str
     ) -> tuple[Window, Window | None, list[Notice]]:
-        """The window of a record with the start that a rest on the cell's OCV tells, the same with
-        the other direction where that is open, and what speaks against the start."""
+        """The window of a record with the start derived from a rest on the cell's OCV, the same
+        with the other direction if that is open, and the evidence against the start."""
         window = replace(self.windows[record.name], capacity_ah=self.capacity_ah)
         rest_a = window.rest_current_a or record.rest_current_a(self.capacity_ah)
         given = self.capacity_ah, first_sample(record, window, rest_a), rest_a
@@ -235,13 +237,13 @@ class UntestedRecords:
     def _registered(
         self, circuit: str, windows: Mapping[str, Window], simpler: Starts | None
     ) -> dict[str, Window]:
-        """The windows with starts and capacities that the records tell each other."""
+        """The windows with starts and capacities registered on each other."""
         registered = dict(windows)
         for name, window in (simpler.windows if simpler else {}).items():
             registered[name] = replace(window, initial_direction=windows[name].initial_direction)
         settings = self.settings_of(circuit)
-        # An OCV of starts that differ is less steep than any record's, and its time constants are
-        # others.
+        # With inconsistent starts the joint OCV is less steep than any record's, and its time
+        # constants differ.
         for rounds in (1, ROUNDS):
             cell, _, best, _ = self._fitted(circuit, registered)
             prepared = self.prepared(circuit, windows, cell)
@@ -254,10 +256,10 @@ class UntestedRecords:
         windows: Mapping[str, Window],
         turned: Mapping[str, Window] | None = None,
     ) -> tuple[CellModel, TableObjective, Solution, dict[str, float]]:
-        """The cell of the records, and its best tables before anything else is asked of them. Where
-        the circuit has a dynamic hysteresis, records whose direction before the start is not known
-        have the one that fits better at the same scales, and the RMSE in V with the other one is
-        told; their windows with that may be known, by name."""
+        """The cell of the records, and its best tables before anything else is estimated. If the
+        circuit has a dynamic hysteresis, records with an unknown direction before the start take
+        the one that fits better at the same scales, and the RMSE in V with the other one is
+        returned; their windows with that direction may be given, by name."""
         means = [in_means(record, MEANS_S) for record in self.records]
         prepared = replace(self, records=means).prepared(circuit, windows, self.level)
         quick = replace(self.settings_of(circuit), folds=0, max_boxes=0)

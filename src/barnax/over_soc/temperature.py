@@ -1,7 +1,7 @@
-"""Tables over SOC at several temperatures, with the same time constants: fitted together.
+"""Tables over SOC at several temperatures, fitted together with shared time constants.
 
-Time constants and gamma are searched once for all temperatures; at every one of them the tables of
-each temperature are the exact optimum of its own bounded least-squares problem.
+Time constants and gamma are searched once for all temperatures; for every candidate, the tables at
+each temperature are the exact optimum of a bounded least-squares problem of their own.
 """
 
 import itertools
@@ -31,14 +31,14 @@ from .settings import TableSettings
 
 @dataclass(frozen=True, eq=False)
 class _JointSolution(Solved):
-    """The best tables of every temperature at some scales."""
+    """The best tables at every temperature for some scales."""
 
     parts: tuple[Solution, ...]
 
 
 @dataclass(frozen=True, eq=False)
 class _Joint:
-    """The mean of some objectives in one box."""
+    """The mean of several objectives in one box."""
 
     objectives: tuple[TableObjective, ...]
 
@@ -80,7 +80,7 @@ class _Joint:
         return self.weights @ [objective.slope(part) for objective, part in pairs]
 
     def root(self, squares: Sequence[float]) -> float:
-        """The root of what the temperatures' mean squares come to."""
+        """The root of the weighted mean of the temperatures' mean squares."""
         return math.sqrt(float(self.weights @ squares))
 
 
@@ -90,9 +90,9 @@ def fit_temperatures(
     settings: TableSettings | None = None,
     at_home: Callable[[TableObjective, Solution], Sequence[PreparedRecord]] | None = None,
 ) -> TableFits:
-    """The tables over SOC that fit the records of each temperature best, with time constants (and
-    gamma) that are the same at all of them. `by_degc` are the records by temperature in degC;
-    `at_home` gives those of an objective with the OCV of its solution, from cold to warm.
+    """The tables over SOC that fit the records at each temperature best, with shared time constants
+    (and gamma). `by_degc` are the records by temperature in degC; `at_home` gives the records of an
+    objective with the OCV of its solution, from cold to warm.
 
     Raises `InputError` for fewer than two temperatures, and as `fit_tables` does.
     """
@@ -137,8 +137,8 @@ def fit_temperatures(
 def group_by_temperature(
     prepared_records: Sequence[PreparedRecord],
 ) -> dict[float, list[PreparedRecord]]:
-    """Records by temperature in degC, those within `SAME_DEGC` of each other together, at the mean
-    of theirs. Raises `InputError` where a record's temperature is not known."""
+    """Records by temperature in degC, those within `SAME_DEGC` of each other together, at their
+    mean. Raises `InputError` if a record's temperature is missing."""
     return group_near((require_temperature(prepared), prepared) for prepared in prepared_records)
 
 
@@ -155,9 +155,9 @@ def require_temperatures(by_degc: Mapping[float, Sequence[PreparedRecord]]) -> N
 def _prove_together(
     joint: _Joint, best: _JointSolution, proofs: Sequence[Proof]
 ) -> tuple[float, _JointSolution]:
-    """A lower bound in V for shared time constants, and the best ones met.
+    """A lower bound in V for shared time constants, and the best tables met on the way.
 
-    What is proved of each temperature alone may be enough, unless sharing costs more than that.
+    The proofs for each temperature alone may suffice, unless sharing costs more than that.
     """
     settings = joint.settings
     alone_v = joint.root([proof.lower_bound_v**2 for proof in proofs])
@@ -174,7 +174,7 @@ def _left_out(
     degc: Sequence[float],
     homes: Sequence[Sequence[PreparedRecord]],
 ) -> tuple[LeftOut, ...]:
-    """Every temperature predicted by the others, whose time constants are searched anew."""
+    """Every temperature predicted from the others, whose time constants are searched again."""
     left_out = []
     for left, objective in enumerate(joint.objectives):
         others = _Joint(joint.objectives[:left] + joint.objectives[left + 1 :])
@@ -199,7 +199,7 @@ def _left_out(
 
 
 def _reversals(fits: Sequence[TableFit]) -> tuple[Reversal, ...]:
-    """The nodes at which intervals of neighboring temperatures lie apart in both directions."""
+    """The nodes at which intervals of neighboring temperatures are disjoint in both directions."""
     reversals = []
     for name in (table for table in fits[0].tables.tables if table.endswith("[Ohm]")):
         for soc in fits[0].tables.nodes:

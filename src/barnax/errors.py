@@ -65,7 +65,7 @@ def installing(extra: str) -> str:
 
 
 def require_number(name: str, value: Any, hint: Any) -> None:
-    """Raise `InputError` where an option of the type `hint` takes a number, and this is none."""
+    """Raise `InputError` if an option of the type `hint` takes a number, and this is none."""
     kinds = {*(get_args(hint) or (hint,))} - {type(None)}
     if value is None or not kinds or not kinds <= {int, float}:
         return
@@ -81,7 +81,7 @@ def require_number(name: str, value: Any, hint: Any) -> None:
 
 
 def require_positive(name: str, value: float | None, unit: str = "") -> None:
-    """Raise `InputError` where an option's value, if it has one, is not positive and finite."""
+    """Raise `InputError` if an option's value, if it has one, is not positive and finite."""
     if value is not None and not 0 < value < math.inf:
         raise InputError(f"`{name}` {value:g} {unit}".rstrip() + " must be positive and finite")
 
@@ -97,7 +97,7 @@ def choices_in(hint: Any) -> tuple[str, ...]:
 
 
 def require_choice(option: str, value: object, choices: Iterable[str | None]) -> None:
-    """Raise `InputError` where an option's value is none of its choices.
+    """Raise `InputError` if an option's value is none of its choices.
 
     >>> require_choice("chemistry", "nmc", ("nmc", "lfp"))
     """

@@ -136,7 +136,7 @@ def read_factors(path: str | Path) -> list[RecordFactors]:
     Args:
         path: A file that a fleet wrote, whoever's; reading it runs nothing.
 
-    Raises `InputError` where it is none, broken, of another version or too large.
+    Raises `InputError` if it is none, broken, of another version or too large.
     """
     content = fetched(path, LARGEST_FILE)
     try:

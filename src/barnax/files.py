@@ -64,7 +64,7 @@ def located(where: str | Path) -> Any:
     """A path, or what is used like one at an address such as `s3://bucket/folder`.
 
     Credentials and servers are those of fsspec's own configuration. Nothing is remembered of what
-    lies there, since other machines write there too. Raises `InputError` where no package for such
+    lies there, since other machines write there too. Raises `InputError` if no package for such
     addresses is installed.
     """
     if not is_address(where):

@@ -96,7 +96,7 @@ def best_of(
     optimum the better one.
 
     Where both are the same optimum it is the latter, which no seed has a part in. Raises
-    `InputError` where there is neither.
+    `InputError` if there is neither.
     """
     if optimum is not None and (
         refinement is None or optimum.rmse_v <= refinement.rmse_v * (1 + SAME_RMSE)
@@ -240,7 +240,7 @@ def _late_ohm(problem: Problem) -> list[float]:
 
 def _resampled(problem: Problem, circuit: CircuitParameters) -> CircuitParameters | None:
     """The constant circuit as it would be with the other sampling of the current, to the closed
-    form; None where the sampling is not only assumed."""
+    form; None if the sampling is not only assumed."""
     ohm = circuit.named_ohm
     other = resampling(problem.prepared_records, circuit, ohm)
     if other is None:
@@ -250,7 +250,7 @@ def _resampled(problem: Problem, circuit: CircuitParameters) -> CircuitParameter
 
 
 def optimum_or_none(problem: Problem) -> GlobalOptimum | None:
-    """The global optimum, None where the box is too wide to look for it."""
+    """The global optimum, None if the box is too wide to look for it."""
     return find_global_optimum(problem) if problem.is_compressible else None
 
 

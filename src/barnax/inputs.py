@@ -255,7 +255,7 @@ def input_warnings(check: FileCheck, role: str) -> list[Notice]:
 
 
 def require_records(given: Iterable[str], names: Collection[str]) -> None:
-    """Raise `InputError` where something is given for a record that there is not."""
+    """Raise `InputError` if something is given for a record that there is not."""
     unknown = sorted({*given} - {*names, ""})
     if unknown:
         there = f"there are {', '.join(sorted(names))}" if names else "no file is read"
@@ -265,7 +265,7 @@ def require_records(given: Iterable[str], names: Collection[str]) -> None:
 
 
 def windows_of(inputs: Inputs, window: Windows, capacity: float | None) -> dict[str, Window]:
-    """The window of every record. Raises `InputError` where one is for a record there is not."""
+    """The window of every record. Raises `InputError` if one is for a record there is not."""
     # Of an OCV test its temperature counts, and nothing else of a window.
     tests = {test.name for test in inputs.ocv}
     names = {record.name for record in (*inputs.records, *inputs.validation)}
@@ -311,7 +311,7 @@ def require_voltages(records: Sequence[Record]) -> None:
 
 
 def _require_different(records: Sequence[Record]) -> None:
-    """Raise `InputError` where two records are of the same samples: they would count twice."""
+    """Raise `InputError` if two records are of the same samples: they would count twice."""
     contents = [Content(record) for record in records]
     for first, other in itertools.combinations(contents, 2):
         one, record = first.record, other.record

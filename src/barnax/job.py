@@ -128,7 +128,7 @@ class Job(TableOptions, CellSettings, Reading, Scope, Settings):
 
     @property
     def table_settings(self) -> TableSettings:
-        """Settings of the tables' fit. Raises `InputError` where they do not go together."""
+        """Settings of the tables' fit. Raises `InputError` if they do not go together."""
         return replace(self.tables or TableSettings(), **vars(self.part(TableOptions)))
 
     @property
@@ -222,7 +222,7 @@ PLANNED = (*(field.name for kind in _GROUPS for field in fields(kind)), "capacit
 
 
 def require_value(name: str, value: Any) -> None:
-    """Raise `InputError` where an option takes a number or has few values, and this is none."""
+    """Raise `InputError` if an option takes a number or has few values, and this is none."""
     if name == "model" and value is not None:
         get_circuit(str(value))
         return

@@ -69,7 +69,7 @@ class Metrics:
 
 def measure(measured_v: Voltage, simulated_v: Voltage, **more: Any) -> Metrics:
     """All metrics of one simulation that follow from the voltages, and `more` of its fields. Raises
-    `ValueError` where there is nothing to compare.
+    `ValueError` if there is nothing to compare.
 
     >>> import numpy as np
     >>> measure(np.array([3.0, 4.0]), np.array([3.0, 3.9])).max_v

@@ -212,7 +212,7 @@ def sentences_of(notices: Iterable[Any]) -> list[str]:
 
 def refusal_of(notices: Iterable[Notice], file: str, end: str = "") -> InputError | None:
     """The refusal by the first error among the notices of a file, or by all that are about its
-    columns, which are named together; None where there is no error."""
+    columns, which are named together; None if there is no error."""
     errors = [one.about(file) for one in notices if one.severity == "error"]
     if not errors:
         return None

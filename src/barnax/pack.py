@@ -118,7 +118,7 @@ def identify_pack(job: PackJob) -> Pack:
         separate_time_constants: Let every cell have time constants of its own; else they have the
             mean cell's.
 
-    Raises `InputError` where the columns are not plain, and where `identify` does.
+    Raises `InputError` if the columns are not plain, and where `identify` does.
 
     >>> import numpy as np
     >>> import polars as pl

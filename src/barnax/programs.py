@@ -117,7 +117,7 @@ def kept(
 
 
 def _path_of(function: Callable[..., Any], arguments: Sequence[Any]) -> Path | None:
-    """A program's file; None where none is kept."""
+    """A program's file; None if none is kept."""
     import jax
     import jaxlib
 
@@ -148,7 +148,7 @@ def _path_of(function: Callable[..., Any], arguments: Sequence[Any]) -> Path | N
 
 def _request(function: Callable[..., Any], arguments: Sequence[Any]) -> bytes | None:
     """A function and its arguments, arrays by their shapes, in bytes that differ if they do; None
-    where that is not possible, as for a function within another."""
+    if that is not possible, as for a function within another."""
     import equinox as eqx
     import jax
 
@@ -190,7 +190,7 @@ def _is_private(status: os.stat_result) -> bool:
 
 
 def _read(path: Path) -> bytes | None:
-    """The content of a file; None where there is none that this user has written whole."""
+    """The content of a file; None if there is none that this user has written whole."""
 
     def opened(name: str, flags: int) -> int:
         return os.open(name, flags | os.O_NOFOLLOW | os.O_NONBLOCK)
@@ -210,7 +210,7 @@ def _digest(path: Path, content: bytes) -> bytes:
 
 
 def _loaded(content: bytes) -> Any:
-    """The program of a file; None where JAX does not load it."""
+    """The program of a file; None if JAX does not load it."""
     try:
         import numpy as np
         from jax.experimental import serialize_executable

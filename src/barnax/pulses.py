@@ -52,11 +52,10 @@ class Pulse:
     `soc` is the state of charge where it begins, `row` the source row of its first sample,
     `current_a` its level (discharge positive), `rest_s` how long the cell had rested. `is_limited`
     says that the tester met a limit and let the current go. `resistance_ohm` is the change of
-    voltage over the change of current after each of `STANDARD_S`, None where the pulse was over or
-    not sampled; the first is that of the first sample under load, `delay_s` after the step, None
-    where the voltage there shows the step only in part, and a pulse's last sample stands for up to
-    0.5 s after it. As the standards have it, it contains what the OCV moves with the charge of the
-    pulse.
+    voltage over the change of current after each of `STANDARD_S`, None if the pulse was over or not
+    sampled; the first is that of the first sample under load, `delay_s` after the step, None if the
+    voltage there shows the step only in part, and a pulse's last sample stands for up to 0.5 s
+    after it. As the standards have it, it contains what the OCV moves with the charge of the pulse.
     """
 
     record: str
@@ -213,7 +212,7 @@ def _is_in_edge(
 
 
 def first_pulse(record: Record) -> Pulse | None:
-    """The first pulse of a record, None where there is none; its SOC is not known yet."""
+    """The first pulse of a record, None if there is none; its SOC is not known yet."""
     if record.span_ah == 0:
         return None
     rest_a = record.rest_current_a(record.span_ah)

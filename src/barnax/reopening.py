@@ -78,7 +78,7 @@ class StoredInputs:
         return folders_in(self.plan)
 
     def read(self, part: InputPart) -> Record:
-        """A record as it was identified on. Raises `InputError` where it is not there any more."""
+        """A record as it was identified on. Raises `InputError` if it is not there any more."""
         given = self.given.get(part.name)
         if given is None:
             # It may be a log of several files.
@@ -122,8 +122,7 @@ def loaded(kind: type[Result], path: str | Path, data: Data, reading: Reading) -
 def reopened(result: Result, inputs: StoredInputs) -> tuple[Evaluations, ...]:
     """A stored result's constant circuit and its tables, if any, simulated again on its records.
 
-    Raises `InputError` where a record is not found, is another, or no longer gives the stored
-    errors.
+    Raises `InputError` if a record is not found, is another, or no longer gives the stored errors.
     """
     parts = *result.of_role("identification"), *result.of_role("validation")
     pairs = [(part, inputs.read(part)) for part in parts]

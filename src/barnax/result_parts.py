@@ -79,7 +79,7 @@ class Candidate:
             SOC beside a table of the OCV, None for a constant circuit.
         identification: Errors on all records identified on together.
         validation_v: RMSE on each record validated on.
-        held_out: Errors on blocks held out of the fit; None where nothing was.
+        held_out: Errors on blocks held out of the fit; None if nothing was.
         proved_gap: The largest share of its error that a better circuit of its kind could save;
             None without a proof.
         is_answer: True for the one that the result is of.

@@ -48,7 +48,7 @@ class Result(Document):
         metrics: The answer's errors.
         candidates: The constant circuit and the answer, with their errors.
         tried: The circuits of the family that were tried, rung by rung, and what each gained.
-        tables: The tables over SOC that are the answer, None where a constant circuit is.
+        tables: The tables over SOC that are the answer, None if a constant circuit is.
         constant: The best constant circuit: the answer, or what stands beside the tables.
         pulses: The pulses of records that are pulse tests.
         cell: OCV, hysteresis voltage and capacity.
@@ -102,8 +102,8 @@ class Result(Document):
         """The answer, simulated on its records; those of the constant circuit beside tables are of
         `without_tables()`.
 
-        A result that was loaded reads its records again the first time. Raises `InputError` where
-        they are not found, and for one that was read by `from_json`.
+        A result that was loaded reads its records again the first time. Raises `InputError` if they
+        are not found, and for one that was read by `from_json`.
         """
         if self._evaluations is None and self._inputs is not None:
             self._evaluations = hook("Result.evaluations")(self, self._inputs)

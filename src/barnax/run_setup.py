@@ -134,7 +134,7 @@ class Setup:
     Attributes:
         problem: The constant circuit that the population searches: the answer, or beside it.
         validation: The records to validate on, made ready for a circuit.
-        fit: Fits and proves the tables that are the answer; None where a constant circuit is.
+        fit: Fits and proves the tables that are the answer; None if a constant circuit is.
         records: The records that these are of.
         tried: What was tried.
         is_alone: Whether the constant circuit has an OCV that was fitted with these tables.
@@ -262,7 +262,7 @@ def bounded_tables(job: Job, but: str | None = None) -> TableSettings:
 def fit_ocv(job: Job, records: Sequence[Record]) -> FittedOcv:
     """The cell of records that have no OCV test, with their tables, or one value at every SOC.
 
-    Raises `InputError` where what is asked for needs a test.
+    Raises `InputError` if what is asked for needs a test.
     """
     model = job.model and get_circuit(job.model)
     asked = {

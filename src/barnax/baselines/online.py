@@ -47,13 +47,13 @@ def middle_of(problem: Problem) -> tuple[CircuitParameters, dict[str, float]]:
 def least_squares_and_filter(problem: Problem) -> Answer:
     """Recursive least squares for the circuit, an extended Kalman filter for its states, in turn.
 
-    In the manner of Tan et al. (2021): at every sample the filter moves SOC and the voltages of
-    the pairs by the circuit of the least squares, and these take the open-circuit voltage at the
+    In the manner of Tan et al. (2021): at every sample the filter moves SOC and the voltages of the
+    pairs by the circuit of the least squares, and these take the open-circuit voltage at the
     filter's SOC, not at the counter's. The filter has the first circuit of `middle_of` until the
     regression finds one. What the paper leaves open is taken so: the regression is that of `rls`;
     the current's noise is a fifth of that below which the cell counts as resting; the measurement
-    noise is the mean square of the innovations so far, forgotten as in `rls`. Answers as
-    `averaged` says. Raises `MethodFailure` where a parameter is held or the filter diverges.
+    noise is the mean square of the innovations so far, forgotten as in `rls`. Answers as `averaged`
+    says. Raises `MethodFailure` if a parameter is held or the filter diverges.
     """
     samples, columns, _ = regression.regression(problem)
     scale = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), np.finfo(float).tiny)
@@ -118,8 +118,8 @@ def dual_filter(problem: Problem) -> Answer:
     open is taken so: it starts in the middle of the box (`middle_of`) at the counter's SOC, and
     parameters are logarithms, so that each sample has a circuit. The filter of the parameters looks
     one interval ahead, which shows it time constants and slow pairs only faintly. Answers as
-    `averaged` says; a dynamic hysteresis keeps the middle rate. Raises `MethodFailure` where a
-    filter diverges.
+    `averaged` says; a dynamic hysteresis keeps the middle rate. Raises `MethodFailure` if a filter
+    diverges.
     """
     prepared, (middle, slow_sd) = problem.prepared, middle_of(problem)
     model = make_model(

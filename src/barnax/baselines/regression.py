@@ -62,8 +62,8 @@ def even_samples(prepared: PreparedRecord, lags: int) -> EvenSamples:
     """The scored samples of a record, those marked whose `lags` intervals are even.
 
     Nothing is resampled: a voltage between samples was not measured, and interpolating it biases
-    the poles. Raises `MethodFailure` where too few samples are left, and for a circuit whose
-    source depends on what is identified.
+    the poles. Raises `MethodFailure` if too few samples are left, and for a circuit whose source
+    depends on what is identified.
     """
     if prepared.hysteresis_amplitude_v is not None:
         raise MethodFailure(
@@ -104,8 +104,8 @@ def regression(
 ) -> tuple[EvenSamples, Float[np.ndarray, "rows coefficients"], Float[np.ndarray, "rows"]]:
     """The samples, and columns and target of the difference equation at all that are rows.
 
-    The columns belong to a_(n-1), ..., a_0, b_n, ..., b_0. Raises `MethodFailure` where a parameter
-    is held, which a difference equation cannot.
+    The columns belong to a_(n-1), ..., a_0, b_n, ..., b_0. Raises `MethodFailure` if a parameter is
+    held, which a difference equation cannot.
     """
     if problem.bounds.fixed:
         held = ", ".join(f"{name} = {value:g}" for name, value in problem.bounds.fixed.items())
@@ -160,7 +160,7 @@ def circuit_values(
 
 
 def circuit_of(r0: float | np.ndarray, r: np.ndarray, tau_s: np.ndarray) -> CircuitParameters:
-    """The circuit of these values. Raises `MethodFailure` where they are no circuit's."""
+    """The circuit of these values. Raises `MethodFailure` if they are no circuit's."""
     if not np.all(np.isfinite(np.hstack([r0, r, tau_s]))):
         raise MethodFailure(
             "the difference equation it finds has complex, negative or unstable poles, which are "
@@ -198,9 +198,9 @@ def least_squares(problem: Problem) -> Answer:
 
     One linear regression, no simulation, and no box. It minimises the error of predicting the next
     sample from the measured ones before it, not that of a simulation: noise in the regressors
-    biases the poles toward fast ones (Ljung, System Identification, 1999, section 7.3), so its
-    RMSE is no least one even where it answers. Raises `MethodFailure` where the equation belongs
-    to no circuit, and where a parameter is held.
+    biases the poles toward fast ones (Ljung, System Identification, 1999, section 7.3), so its RMSE
+    is no least one even where it answers. Raises `MethodFailure` if the equation belongs to no
+    circuit, and where a parameter is held.
     """
     samples, columns, target = regression(problem)
     # Columns in volts, amperes and their differences span many decades.
@@ -228,7 +228,7 @@ def recursive_least_squares(problem: Problem, *, poles: float, gains: float) -> 
     is divided by the root of both coefficients' factors (Saelid and Foss, 1983). Their factors
     belong to another circuit, so ours are taken: the poles are forgotten ten times as slowly, for
     the time constants of a cell change less than its resistances. Answers as `averaged` says; the
-    bias of `ls` is its bias too. Raises `MethodFailure` where a parameter is held.
+    bias of `ls` is its bias too. Raises `MethodFailure` if a parameter is held.
     """
     samples, columns, target = regression(problem)
     pairs = problem.bounds.pairs
@@ -247,9 +247,9 @@ def averaged(
 ) -> Answer:
     """The answer of an online method: medians over time of R0, every pair's R and every tau.
 
-    Counted are the rows from the one on at which the first guess is forgotten (or half of a
-    shorter record), where the values are a circuit's; noise can make those few, and a note says
-    how many. Raises `MethodFailure` where there are none.
+    Counted are the rows from the one on at which the first guess is forgotten (or half of a shorter
+    record), where the values are a circuit's; noise can make those few, and a note says how many.
+    Raises `MethodFailure` if there are none.
     """
     r0, r, tau_s = tracked
     is_circuit = np.isfinite(r0) & (r0 > 0) & np.all(np.isfinite(r) & (r > 0), axis=1)

@@ -205,7 +205,7 @@ def variable_projection(problem: Problem) -> Answer:
     least-squares problem. The outer search is that of the global optimum without its proof: a grid
     over the ordered time constants, evenly spaced in ln tau, whose local minima are polished; a
     dynamic hysteresis adds ln gamma to the search. It draws nothing, and simulates nothing but its
-    answer. Raises `MethodFailure` where the box is too wide to compress.
+    answer. Raises `MethodFailure` if the box is too wide to compress.
     """
     if not problem.is_compressible:
         raise MethodFailure("the box of time constants is too wide for it; narrow the bounds")

@@ -162,7 +162,7 @@ def compare_over_seeds(
 ) -> SeedPairs | None:
     """Two rows' RMSE in V, seed by seed; one value alone stands beside every seed.
 
-    None where neither row has seeds to pair, and where their numbers differ.
+    None if neither row has seeds to pair, and where their numbers differ.
 
     >>> compare_over_seeds(np.array([1.0, 2.0]), np.array([3.0])).wins
     2

@@ -342,7 +342,7 @@ class Width:
         value: Assumed value.
         alone: Half the interval of a fit of the test alone.
         after: The same of a fit of the test with the earlier records.
-        before: The same of a fit of the earlier records alone, None where they tell nothing.
+        before: The same of a fit of the earlier records alone, None if they tell nothing.
     """
 
     name: str

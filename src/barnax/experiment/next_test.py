@@ -223,7 +223,7 @@ def _span(prior: Prior) -> Span:
     """The lowest and the highest state of charge of a test: those at which the OCV is known, less
     what pieces and an unsure start may take the cell below.
 
-    Raises `InputError` where that leaves too little.
+    Raises `InputError` if that leaves too little.
     """
     low_soc, high_soc = prior.planned_soc
     usual_soc = UNKNOWN_LOW_SOC if prior.finds_ocv else LOW_SOC
@@ -240,7 +240,7 @@ def _span(prior: Prior) -> Span:
 
 
 def _check_start(prior: Prior, high_soc: float, high_v: float) -> None:
-    """Raise `InputError` where the OCV at the start of a test is above its highest voltage."""
+    """Raise `InputError` if the OCV at the start of a test is above its highest voltage."""
     at = np.array([high_soc])
     # A charge that is held at a voltage ends there, however unsure the OCV is.
     is_held = high_soc == 1 or prior.start_v is not None

@@ -117,7 +117,7 @@ def _going_on(prior: Prior, chemistry: str) -> Prior:
     """A copy whose OCV is continued beyond its range by a chemistry's: joined to it, and the
     chemistry's where the cell is full and empty.
 
-    Raises `InputError` where nothing shows what is full, and where both are far from each other.
+    Raises `InputError` if nothing shows what is full, and where both are far from each other.
     """
     typical, (low, high) = _typical_cell(chemistry), prior.ocv_soc
     if prior.start_v is not None:
@@ -191,7 +191,7 @@ def prior_of_result(result: Result, temperature_degc: float | None = None) -> Pr
     """The cell of a result, with what its records tell at that temperature: nothing of intervals
     where none was measured.
 
-    Raises `InputError` where its answer has elements that are no RC pairs, or not the temperature.
+    Raises `InputError` if its answer has elements that are no RC pairs, or not the temperature.
     """
     intervals, untold, parts = result.fit.intervals, "", result.of_role("identification")
     evaluations = attempt(lambda: result.evaluations.identification)
@@ -259,7 +259,7 @@ def _ocv_range(cell: CellModel) -> tuple[float, float]:
 def _started_by_voltage(prior: Prior) -> Prior:
     """A copy in which full is the fullest point of a record: the OCV says what brings a cell there.
 
-    Raises `InputError` where that is too flat.
+    Raises `InputError` if that is too flat.
     """
     top = prior.ocv_soc[1]
     below_v, top_v = prior.ocv_v(np.array([top - TOP_SOC, top])).tolist()

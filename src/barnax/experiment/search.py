@@ -100,7 +100,7 @@ class Pattern:
         return pattern
 
     def changed(self, number: int) -> "Pattern | None":
-        """The pattern with one thing more or less; None where it cannot be less."""
+        """The pattern with one thing more or less; None if it cannot be less."""
         choice, is_less = divmod(number, 2)
         some = max(1, self.stretches // 2) * (-1 if is_less else 1)
         if choice == 0:
@@ -161,7 +161,7 @@ class SearchSetup:
         return cache(partial(self.limits.allowed, self.prior))
 
     def steps(self, pattern: Pattern, hours: float) -> list[Step] | None:
-        """The whole test; None where it takes longer, or blocks too much charge."""
+        """The whole test; None if it takes longer, or blocks too much charge."""
         capacity_ah = self.prior.cell.capacity_ah
         # Where pieces dipped under the lowest state of charge that is known, it ends higher.
         is_held = bool(self.last) or self.prior.planned_soc[0] > 0
@@ -222,7 +222,7 @@ class SearchSetup:
     ) -> Trial | None:
         """The best test of so many hours that changes of the best of some patterns lead to, one to
         three at a time, or the first whose widths are all at most `until` times the wished ones;
-        None where each of the patterns takes longer."""
+        None if each of the patterns takes longer."""
         best, seen = None, set(starts)
         for start in starts:
             best = self._better(best, start, hours)
@@ -293,8 +293,8 @@ def planned(
 
 
 def _kept(choice: SearchSetup, trial: Trial, hours: float) -> tuple[DesignPlan | None, SearchSetup]:
-    """A found test with its currents lowered until it keeps all limits, None where it cannot, and
-    the choice with its limits tightened by that."""
+    """A found test with its currents lowered until it keeps all limits, None if it cannot, and the
+    choice with its limits tightened by that."""
     for _ in range(ADJUSTMENTS):
         steps = choice.steps(trial.pattern, hours)
         if steps is None:
@@ -313,7 +313,7 @@ def is_reached_in(hours: float, plan: DesignPlan, key: Array, reaches: Reaches) 
 
 
 def _best(choice: SearchSetup, max_hours: float, key: Array, starts: int) -> Trial:
-    """The best of several searches. Raises `InputError` where no test is so short."""
+    """The best of several searches. Raises `InputError` if no test is so short."""
     patterns = _starts_of(choice)
     searches = [
         choice.searched(max_hours, jax.random.fold_in(key, number), PREDICTIONS, *patterns)

@@ -66,7 +66,7 @@ def is_enough(name: str, half: float, wanted: float) -> bool:
 
 def halves_of(interval: NodeInterval) -> tuple[float, float] | None:
     """Half an interval of a fit in the measure of a design: what more samples would narrow, and as
-    it is printed. None where nothing tells it."""
+    it is printed. None if nothing tells it."""
     scale = interval.value if interval.name.startswith(("R", "tau")) else 1.0
     if interval.low is None or interval.high is None or not scale > 0:
         return None
@@ -160,7 +160,7 @@ class Design(Document):
         start_v: The OCV that brings the cell there, if full is not given.
         wanted_soc: Range of the state of charge in which the intervals are wanted.
         hours_searched: The longer time of a test that was looked for where they are not reached;
-            None where no test is longer.
+            None if no test is longer.
         hours_needed: The same where a test of that time would reach them.
         finds_ocv: Whether the test also gives the OCV.
         earlier: The records that count, and are to be identified with the test's.
@@ -217,8 +217,8 @@ class Design(Document):
     def sampling_of(self, record: Record) -> Hold | None:
         """The side of its samples on which the current of the test's own record flowed.
 
-        A sample at the end of a step shows the next one where its current flows after it. None
-        where too few samples are there, or the record does not begin with the test or is another's.
+        A sample at the end of a step shows the next one where its current flows after it. None if
+        too few samples are there, or the record does not begin with the test or is another's.
         """
         time_s, steps_a = record.time_s, np.array([step.current_a for step in self.steps])
         ends_s = np.cumsum([step.duration_s for step in self.steps])

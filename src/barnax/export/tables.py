@@ -58,7 +58,7 @@ class Tables:
     correction of the tables in it, and is the one nearest to 25 degC; `ocv_v` is the same, with a
     row for each of `degc` where there are several.
 
-    `hysteresis` is W(soc), charge minus discharge OCV in V, None where the circuit has none. The
+    `hysteresis` is W(soc), charge minus discharge OCV in V, None if the circuit has none. The
     circuit adds half of it after charging and takes half of it away after discharging: at once
     (`kind` is "instant"), or with a state that follows the charge passed at the rate `gamma` per
     unit of SOC ("dynamic"); a current below the rest current turns neither. `caveats` say which
@@ -103,7 +103,7 @@ class Tables:
 
 
 def tables_of(result: Result, may_remember: bool = False) -> Tables:
-    """A result's constants and tables. Raises `InputError` where no curve over SOC says them.
+    """A result's constants and tables. Raises `InputError` if no curve over SOC says them.
 
     A format that itself remembers where the current turned says so by `may_remember`.
     """

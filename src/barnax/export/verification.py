@@ -50,7 +50,7 @@ class Verification:
 
 
 def require_package(exporter: Exporter) -> tuple[str, Simulate]:
-    """The package in which an export can be simulated, and by what. Raises `InputError` where it
+    """The package in which an export can be simulated, and by what. Raises `InputError` if it
     cannot be simulated here."""
     if exporter.package is None or exporter.simulate is None:
         raise InputError(
@@ -69,8 +69,8 @@ def verify(
 ) -> Verification:
     """The exported `content` simulated in its package and by barnax, from the result's initial SOC.
 
-    `profile` defaults to `pulse_profile`. Raises `InputError` where the package is missing, or
-    the profile leaves the SOC range of the cell.
+    `profile` defaults to `pulse_profile`. Raises `InputError` if the package is missing, or the
+    profile leaves the SOC range of the cell.
 
     Args:
         result: The result that was exported.

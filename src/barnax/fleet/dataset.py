@@ -136,8 +136,8 @@ def factors_path(out: Path, name: str) -> Path:
 
 
 def keep_file(out: Path, path: Path, content: bytes) -> int:
-    """The length in bytes of a file that is put beside the dataset. Raises `InputError` where it
-    would be elsewhere."""
+    """The length in bytes of a file that is put beside the dataset. Raises `InputError` if it would
+    be elsewhere."""
     # A store has neither folders nor links.
     if isinstance(out, Path):
         for folder in reversed(path.parents[: len(path.relative_to(out).parts) - 1]):
@@ -192,7 +192,7 @@ def read_rows(
 def rows_of_others(out: Path) -> pl.DataFrame:
     """Every cell's newest row in a folder that may be somebody else's.
 
-    Raises `InputError` where its files unpack to far more than a fleet's do.
+    Raises `InputError` if its files unpack to far more than a fleet's do.
     """
     paths = list(_files(out, None))
     sizes = [path.stat().st_size for path in paths if path.exists()]
@@ -234,8 +234,8 @@ def finished(out: Path) -> dict[str, tuple[str, bool]]:
 def writing(out: Path, shard: Shard | None = None) -> Iterator[Path]:
     """The folder for parts, this process's alone.
 
-    Raises `InputError` where it cannot be written to, or another command is at work there: a
-    store has no locks, and cannot tell.
+    Raises `InputError` if it cannot be written to, or another command is at work there: a store has
+    no locks, and cannot tell.
     """
     folder = parts_folder(out, shard)
     if not isinstance(folder, Path):
@@ -287,7 +287,7 @@ def regrouped(fleet: str | Path, group: Sequence[str]) -> list[FleetCell]:
         fleet: The folder of a fleet that was identified with `keep_factors`.
         group: Columns of its dataset, such as those copied from its manifest.
 
-    Raises `InputError` where the dataset has no such column, or a row's factors are not there.
+    Raises `InputError` if the dataset has no such column, or a row's factors are not there.
     """
     out = located(fleet)
     rows = rows_of_others(out)

@@ -152,7 +152,7 @@ def read_manifest(
             folder there, and no files of this machine.
         problems: Collects the problems of rows, one a line; without it the first is raised.
 
-    Raises `InputError` where the manifest cannot be used; files that are none are in each cell's
+    Raises `InputError` if the manifest cannot be used; files that are none are in each cell's
     `missing`.
     """
     source = located(path)

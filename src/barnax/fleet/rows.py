@@ -100,7 +100,7 @@ def identify_rows(cell: FleetCell, settings: Options, out: Path | None = None) -
 
 
 def grid_of(cell: FleetCell, settings: Options) -> Grid | None:
-    """The grid on which a cell's factors are kept; None where they are not.
+    """The grid on which a cell's factors are kept; None if they are not.
 
     Raises `InputError` for a circuit of which none can be kept.
     """
@@ -111,7 +111,7 @@ def grid_of(cell: FleetCell, settings: Options) -> Grid | None:
 
 
 def identified(cell: FleetCell, settings: Options) -> tuple[Result, tuple[Notice, ...]]:
-    """The result of a cell and all warnings. Raises `InputError` where an input cannot be used."""
+    """The result of a cell and all warnings. Raises `InputError` if an input cannot be used."""
     if cell.problem is not None:
         job = job_of(settings)
         result = identify_problem(cell.problem, job.part(Settings), trust=job.trust)
@@ -136,7 +136,7 @@ def identified(cell: FleetCell, settings: Options) -> tuple[Result, tuple[Notice
 
 
 def _job_on_files(cell: FleetCell, settings: Options) -> Job:
-    """The job on the records of a cell. Raises `InputError` where a file is missing."""
+    """The job on the records of a cell. Raises `InputError` if a file is missing."""
     if cell.missing:
         raise InputError(f"{'; '.join(cell.missing)}: correct the name in the manifest")
     job = job_of(settings).changed(**cell.options, bounds=cell.bounds, window=_windows(cell))

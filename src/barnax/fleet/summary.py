@@ -82,7 +82,7 @@ def read_fleet(out: str | Path, ids: Iterable[str] | None = None) -> pl.DataFram
         out: Folder of the dataset, of anybody unless `ids` are given.
         ids: The cells to read; by default all.
 
-    Raises `InputError` where a file is broken, or unpacks to far more than a fleet's do.
+    Raises `InputError` if a file is broken, or unpacks to far more than a fleet's do.
     """
     if ids is None:
         return rows_of_others(located(out))

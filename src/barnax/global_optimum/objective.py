@@ -174,7 +174,7 @@ class ConstantObjective(LinearObjective):
 
     @classmethod
     def of(cls, problem: "Problem") -> "ConstantObjective":
-        """The columns. Raises `InputError` where the box is too wide to compress."""
+        """The columns. Raises `InputError` if the box is too wide to compress."""
         short, bounds = problem.compressed, problem.bounds
         # In NumPy: JAX would compile a program for every slice of every shape.
         factor = np.asarray(short.factor) / np.sqrt(float(short.scored))

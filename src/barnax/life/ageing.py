@@ -126,7 +126,7 @@ def life_of(
         false_alarms: How many cells a year may be flagged without any fault, of each cell.
         key: Of the random fleets without faults that say what is odd.
 
-    Raises `InputError` where there is no such column, or none that tells, where a value of it is no
+    Raises `InputError` if there is no such column, or none that tells, where a value of it is no
     age, and where all rows are of one age.
     """
     if OCV not in rows.columns:
@@ -218,7 +218,7 @@ def _column(rows: pl.DataFrame, chosen: str | None, usual: Iterable[str], option
 def _judged(
     by_cell: dict[str, pl.DataFrame], quantity: str, expected: float, rng: np.random.Generator
 ) -> Fleet | None:
-    """The cells of which a quantity is known, and their model; None where there are none."""
+    """The cells of which a quantity is known, and their model; None if there are none."""
     is_given = pl.col(f"aged {quantity}").is_not_null()
     given = {name: rows.filter(is_given) for name, rows in by_cell.items()}
     given = {name: rows for name, rows in given.items() if len(rows)}

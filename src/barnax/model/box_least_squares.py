@@ -1,8 +1,8 @@
 """Least squares with bounds: x in [low, high] with the least |b + A x|, by its normal equations.
 
-Of many small problems at once (`least_in_boxes`: a few unknowns, thousands of problems, columns
-that may depend on each other), and of one with up to hundreds of unknowns (`least_in_box`), to more
-digits by `with_free_values`.
+For many small problems at once (`least_in_boxes`: a few unknowns, thousands of problems, columns
+that may be linearly dependent), and for one with up to hundreds of unknowns (`least_in_box`), more
+accurately with `with_free_values`.
 """
 
 import itertools
@@ -13,15 +13,15 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.linalg import LinAlgError, get_lapack_funcs, lstsq
 
-# A column this dependent on those before it, relative to its own square, moves nothing.
+# A column that depends on those before it up to this share of its square moves nothing.
 RIDGE = 1e-13
-# Guesses of which unknowns are at a bound; those few problems that still change are enumerated.
+# Guesses of the unknowns at a bound; the few problems that still change are enumerated.
 GUESSES = 10
 # Active sets, over all problems, that are tried at once.
 SETS_AT_ONCE = 4096
-# Slopes and distances this small, relative to what makes them up, are rounding.
+# Slopes and distances this small, relative to their terms, are rounding.
 ROUNDING = 1e-12
-# Exchanges of all wrong unknowns at once that may leave as many wrong ones as there were.
+# Exchanges of all wrong unknowns at once that may fail to reduce their number.
 PATIENCE = 3
 MAX_ROUNDS = 400
 
@@ -67,11 +67,11 @@ def least_in_boxes(
 ) -> Problems:
     """Each problem's x in [low, high] with the least x.(normal x) / 2 + gradient.x.
 
-    `normal` is A'A and `gradient` A'b for the least squares of b + A x. Where low and high are
-    one value, that is it. Active sets are guessed for all problems together, each from the signs
-    of the last guess's multipliers (Hintermüller, Ito and Kunisch, SIAM J. Optim. 13 (2002)
-    865); where that runs in circles all sets are tried. Columns that depend on others cost
-    nothing but which of the equally good x is found.
+    `normal` is A'A and `gradient` A'b for the least squares of b + A x. Where low equals high, x is
+    that value. Active sets are guessed for all problems together, each from the signs of the last
+    guess's multipliers (Hintermüller, Ito and Kunisch, SIAM J. Optim. 13 (2002) 865); if that
+    cycles, all sets are tried. Linearly dependent columns only affect which of the equally good x
+    is returned.
     """
     scale = np.sqrt(np.einsum("iin->in", normal))
     scale = np.where(scale > 0, scale, 1.0)
@@ -136,7 +136,7 @@ def _free_minimum(
             for k in range(j):
                 value = value - factor[i, k] * factor[j, k] * pivots[k]
             factor[i, j] = value / pivots[j]
-        # Of an unknown that is not free, nothing here reaches the others.
+        # An unknown that is not free does not affect the others.
         pivot = 1.0 + RIDGE - sum(factor[i, k] ** 2 * pivots[k] for k in range(i))
         pivots.append(np.maximum(pivot, RIDGE))
         forward.append(target[i] - sum(factor[i, k] * forward[k] for k in range(i)))
@@ -158,10 +158,10 @@ def least_in_box(
 ) -> tuple[Unknowns, Sides]:
     """The x in [low, high] with the least x.(normal x) / 2 + gradient.x, and which are at a bound.
 
-    `normal` is positive definite. `sides` are a guess of which are, such as a neighbor's answer.
-    Block principal pivoting (Portugal, Judice and Vicente, Math. Comp. 63 (1994) 625): all
-    unknowns on the wrong side change it at once; where that does not help, only the last of them
-    does, which always ends.
+    `normal` is positive definite. `sides` are a guess of the bounds, such as a neighbor's answer.
+    Block principal pivoting (Portugal, Judice and Vicente, Math. Comp. 63 (1994) 625): all unknowns
+    on the wrong side change it at once; if that does not help, only the last of them does, which
+    always terminates.
 
     >>> x, sides = least_in_box(np.eye(2), np.array([1.0, -1.0]), np.zeros(2), np.full(2, 9.0))
     >>> x.tolist(), sides.tolist()
@@ -209,10 +209,10 @@ def with_free_values(
     x: Unknowns,
     is_free: Bool[np.ndarray, "unknowns"],
 ) -> Unknowns:
-    """x with the free entries that make |base + matrix x| least, whether in the box or not.
+    """x with the free entries that minimize |base + matrix x|, whether in the box or not.
 
-    By an orthogonal factorization: the normal equations, which tell which entries are free, would
-    give them to fewer digits.
+    By an orthogonal factorization: the normal equations, from which the free entries are
+    determined, would lose digits.
     """
     x = np.where(is_free, 0.0, x)
     free = lstsq(matrix[:, is_free], -(base + matrix @ x), lapack_driver="gelsy")

@@ -1,10 +1,10 @@
-"""What a compiled search evaluates: the coordinates that it moves in, and the errors of every
-circuit of a box from one small factor, whatever the record's length.
+"""What a compiled search evaluates: its coordinates, and the errors of every circuit in a box from
+one small factor, whatever the record's length.
 
-For given time constants the error is linear in the resistances, and an RC pair's answer to the
-current is a combination of a few answers (`exponentials`). With T the triangular factor of [those
-answers, current, base error], a circuit's squared error is |T w|^2 with w from its few numbers:
-the sum over all samples, without the samples.
+For given time constants the error is linear in the resistances, and an RC pair's response to the
+current is a combination of a few responses (`exponentials`). With T the triangular factor of [those
+responses, current, base error], a circuit's squared error is |T w|^2 with w from its few
+parameters: the sum over all samples, without the samples.
 """
 
 import math
@@ -33,11 +33,11 @@ from .simulate import AbstractEvaluator, RCParameters
 class Coordinates(eqx.Module):
     """A box of free parameters and the map from a point in it to an `RCParameters`.
 
-    Parameters stand in the order R0, R1, X1, R2, X2 and so on, with gamma last where there is one.
-    `elements` are named where not all are RC pairs.
-    In `rc` coordinates X is a capacitance and all are raw, as in the paper. In `log` coordinates
-    the point holds logarithms and X is the time constant, or the capacitance where the user bounded
-    that. Where R C leaves the limits of tau, C is clipped.
+    Parameters are in the order R0, R1, X1, R2, X2 and so on, with gamma last if there is one.
+    `elements` are named if not all are RC pairs. In `rc` coordinates X is a capacitance and all are
+    raw, as in the paper. In `log` coordinates the point holds logarithms and X is the time
+    constant, or the capacitance if the user bounded that. Where R C leaves the limits of tau, C is
+    clipped.
     """
 
     lower: Float[Array, "free"]
@@ -53,7 +53,7 @@ class Coordinates(eqx.Module):
 
     @classmethod
     def of(cls, bounds: Bounds, scale: Scale) -> "Coordinates":
-        """The coordinates of a box. Raises `InputError` where nothing is free."""
+        """The coordinates of a box. Raises `InputError` if nothing is free."""
         require_choice("coordinates", scale, SCALES)
         is_log = scale == "log"
         slots = [(OHMIC, *bounds.range_of(OHMIC))]
@@ -92,7 +92,7 @@ class Coordinates(eqx.Module):
     @property
     def spans(self) -> tuple[Range, Range | None]:
         """The smallest and the largest time constant of an RC pair in the box, in s, and gamma's
-        range where there is one."""
+        range if there is one."""
         low_s, high_s = np.asarray(self.tau_limits_s).T
         if self.elements:
             ratios = [get_element(name).ratios for name in self.elements]
@@ -101,8 +101,9 @@ class Coordinates(eqx.Module):
         return (float(low_s.min()), float(high_s.max())), self.gamma_limits
 
     def decode(self, point: Float[Array, "free"], xp: Any = jnp) -> RCParameters:
-        """The circuit at a point, by JAX; by `numpy` also the circuits at points, one a column."""
-        # Picked one by one: a scatter would cost more than many simulations' steps.
+        """The circuit at a point, by JAX; with `numpy` also the circuits at several points, one per
+        column."""
+        # Picked one by one: a scatter would cost more than many simulation steps.
         chosen = [
             point[self.free.index(slot)] if slot in self.free else self.fixed[slot]
             for slot in range(len(self.fixed))
@@ -116,7 +117,7 @@ class Coordinates(eqx.Module):
         return RCParameters(r0, tuple(resistances), tuple(tau), gamma, self.elements)
 
     def encode(self, rc: RCParameters) -> Float[np.ndarray, "*points free"]:
-        """The point of a circuit, moved into the box where it lies outside."""
+        """The point of a circuit, moved into the box if it lies outside."""
         values = [rc.r0]
         for pair, (r, tau) in enumerate(zip(rc.r, rc.tau, strict=True)):
             values += [r, tau if self.holds_tau[pair] else tau / r]
@@ -141,14 +142,14 @@ class Lagrange(eqx.Module):
         return cls(*map(as_input, (span.center, span.half_width, *span[2:5])))
 
     def padded_to_multiple(self, step: int) -> "Lagrange":
-        """A copy with a multiple of `step` nodes: those added lie outside and have no weight."""
+        """A copy with a multiple of `step` nodes: added nodes lie outside and have no weight."""
         added = 0, -len(self.nodes) % step
         nodes = as_input(np.pad(self.nodes, added, constant_values=2.0))
         weights, slope = (as_input(np.pad(each, added)) for each in (self.weights, self.slope))
         return replace(self, nodes=nodes, weights=weights, slope=slope)
 
     def at(self, tau: Scalar, count: Scalar | float = 1.0) -> Float[Array, "nodes"]:
-        """The weights of the nodes' answers in `count` times that of `tau`."""
+        """The weights of the nodes' responses in `count` times that of `tau`."""
         return _cardinal((jnp.log(tau) - self.center) / self.half_width, jnp.asarray(count), self)
 
 
@@ -156,18 +157,18 @@ class Lagrange(eqx.Module):
 def _cardinal(x: Scalar, count: Scalar, basis: Lagrange) -> Float[Array, "nodes"]:
     """Barycentric formula (Berrut and Trefethen, 2004, Eq. 4.2).
 
-    The count enters through a division because XLA does not repeat one for every node; it would
-    repeat everything else that a candidate's resistance is computed from.
+    The count enters through a division because XLA does not repeat a division for every node; it
+    would repeat everything else that a candidate's resistance is computed from.
     """
     gap = x - basis.nodes
-    # At a node the term of that node is all that counts.
+    # At a node only the term of that node counts.
     terms = basis.weights / jnp.where(gap == 0, jnp.finfo(gap.dtype).tiny, gap)
     return terms * (count / jnp.sum(terms))
 
 
 @_cardinal.defjvp
 def _cardinal_jvp(primals, tangents):
-    # Differentiating the quotient would lose all figures next to a node.
+    # Differentiating the quotient would lose all digits next to a node.
     x, count, basis = primals
     shares = _cardinal(x, jnp.ones_like(count), basis)
     slopes = shares @ basis.slope
@@ -177,12 +178,12 @@ def _cardinal_jvp(primals, tangents):
 class Compressed(AbstractEvaluator):
     """A record reduced to its triangular factor, for one box.
 
-    Its errors are the scan's to 1e-9, or 1e-12 V; with the arrays in single precision, which the
-    reduction itself never is, to 2e-4, or 1e-5 V.
+    Its errors agree with the scan's to 1e-9, or 1e-12 V; with the arrays in single precision, which
+    the reduction itself never uses, to 2e-4, or 1e-5 V.
 
-    The columns of `factor` are those of the nodes' answers, so that `pairs` @ Lagrange
-    polynomials is the answer of any RC pair of 1 ohm; the same for a dynamic hysteresis where
-    there is one; of the current; and of the base error.
+    The columns of `factor` are those of the nodes' responses, so that `pairs` @ Lagrange
+    polynomials is the response of any RC pair of 1 ohm; likewise for a dynamic hysteresis if there
+    is one; then those of the current, and of the base error.
     """
 
     scored: Scalar
@@ -195,7 +196,7 @@ class Compressed(AbstractEvaluator):
         # nothing to transpose, in a program that spends microseconds on each.
         r, tau = map(jnp.stack, zip(*rc.pairs, strict=True))
         if rc.elements:
-            # What is faster answers as what is at its end within every interval.
+            # A faster pair has settled within every interval, as one at the end of the span has.
             tau = jnp.maximum(tau, jnp.exp(self.in_tau.center - self.in_tau.half_width))
         answers = jax.vmap(self.in_tau.at)(tau, r)
         counts = [sum(answers[1:], answers[0])]
@@ -220,9 +221,9 @@ class Compressed(AbstractEvaluator):
 
 
 def compress(records: Sequence[PreparedRecord], box: Coordinates) -> Compressed:
-    """One or several records, reduced together. Call inside float64.
+    """One or more records, reduced together. Call inside float64.
 
-    Raises `InputError` where the box is too wide for the accuracy promised.
+    Raises `InputError` if the box is too wide for the promised accuracy.
     """
     spans = in_tau, in_rate = spans_between(ends_of(records, *box.spans))
     layout = Layout(ANYWHERE, ANYWHERE, *spans, has_correction=False, has_amplitude=False)

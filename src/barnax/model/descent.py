@@ -1,4 +1,4 @@
-"""Searches over the logarithms of time constants, at each of which all else is solved: their axes,
+"""Searches over the logarithms of time constants, with all other parameters solved at each: axes,
 the minima of a grid, and descents from them."""
 
 import math
@@ -16,9 +16,9 @@ from ..cell.parameters import RATE
 from .exponentials import Span
 from .search_space import Range
 
-# What was computed for so many scales of an axis is kept.
+# Number of scales of an axis whose results are cached.
 KEPT = 4096
-# An RC pair is no faster than the fastest of a span by less than this, in the logarithm.
+# An RC pair within this of the fastest of a span, in the logarithm, is no faster.
 ROUNDING = 1e-9
 
 
@@ -26,10 +26,10 @@ ROUNDING = 1e-9
 class Axis:
     """One of the coordinates in which the error is not linear: log of a tau in s, or of gamma.
 
-    Its columns multiply the table of that number; `table` is None where they are one column that
-    counts as it is, the dynamic hysteresis of the measured gap. `answers` are those of the span's
-    skeleton, from which `to_nodes` gives all nodes, or of the nodes themselves. `sign` is -1 where
-    a time constant is one over the number searched.
+    Its columns multiply the table of that number; `table` is None if there is one column with a
+    fixed factor, the dynamic hysteresis of the measured gap. `answers` are those of the span's
+    skeleton, from which `to_nodes` gives all nodes, or of the nodes themselves. `sign` is -1 if a
+    time constant is the inverse of the searched number.
     """
 
     name: str
@@ -51,7 +51,7 @@ class Axis:
         return self._product(sum(share * self.span.counts(at) for share, at, _ in rungs))
 
     def columns_at(self, scale: float) -> Float[np.ndarray, "rows width"]:
-        """The columns at one scale, which are kept."""
+        """The columns at one scale, cached."""
         if scale not in self._columns:
             while len(self._columns) >= KEPT:
                 del self._columns[next(iter(self._columns))]
@@ -59,7 +59,7 @@ class Axis:
         return self._columns[scale]
 
     def slopes_at(self, scale: float) -> Float[np.ndarray, "rows width"]:
-        """Their derivatives by the scale."""
+        """The derivatives of the columns by the scale."""
         rungs = self._rungs(np.array([scale]))
         slopes = sum(
             share * moves * (self.span.counts(at) @ self.span.slope) for share, at, moves in rungs
@@ -69,11 +69,11 @@ class Axis:
     def _rungs(
         self, scales: Float[np.ndarray, "points"]
     ) -> Iterator[tuple[float, Float[np.ndarray, "points"], Float[np.ndarray, "points 1"]]]:
-        """The share of each of the element's RC pairs, its log of tau, and whether that moves."""
+        """For each of the element's RC pairs: its share, its log of tau, and whether that moves."""
         lowest = self.span.center - self.span.half_width
         for share, ratio in zip(self.element.shares, self.element.ratios, strict=True):
             each = self.sign * scales + math.log(ratio)
-            # What is faster is at its end within every interval too.
+            # A faster pair has settled within every interval too.
             yield share, np.maximum(each, lowest), (each > lowest - ROUNDING)[:, None]
 
     def _product(self, counts) -> Float[np.ndarray, "points rows width"]:
@@ -83,16 +83,16 @@ class Axis:
         return (counts @ flat).reshape(-1, *self.answers.shape[1:])
 
 
-# Steps of a descent.
+# Maximum number of steps of a descent.
 ROUNDS = 200
 
-# The logarithms of every time constant in s, then that of gamma where there is one.
+# The logarithms of every time constant in s, then that of gamma if there is one.
 LogScales = tuple[float, ...]
 
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """J of the best values at some scales, and the bounds that they are at, where another solve
+    """J of the best values at some scales, and the bounds they are at, from which another solve
     starts."""
 
     log_scales: LogScales
@@ -109,8 +109,8 @@ Polished = TypeVar("Polished", bound=Solved)
 
 
 class Descended(Protocol[Polished]):
-    """An objective to descend on. The first axes, so many as are `interchangeable`, are of RC pairs
-    with one box; `slope` is the derivative of the least J by the scales."""
+    """An objective to descend on. The first `interchangeable` axes are RC pairs with the same box;
+    `slope` is the derivative of the least J by the scales."""
 
     @property
     def axes(self) -> Any: ...
@@ -149,22 +149,22 @@ def polish(objective: Descended[Polished], start: Polished) -> Polished:
     return best if log_scales == best.log_scales else objective.solve(log_scales)
 
 
-# Points that are solved at a time.
+# Points solved at a time.
 CHUNK = 8192
 
 
 @dataclass(frozen=True)
 class GridSizes:
-    """Number of values on every axis: of a time constant by the number of elements, alone and
-    beside a rate, and of the rate."""
+    """Number of values on every axis: of a time constant by the number of elements, alone and with
+    a rate, and of the rate."""
 
     alone: Mapping[int, int]
     beside_rate: Mapping[int, int]
     rates: int
 
     def values(self, ranges: Iterable[Range], elements: int) -> list[Float[np.ndarray, "values"]]:
-        """Evenly spaced values between the ends of every axis, the elements' first; one where there
-        is nothing to choose.
+        """Evenly spaced values between the ends of every axis, the elements' first; a single value
+        if the ends coincide.
 
         >>> GridSizes({1: 3}, {1: 2}, 2).values([(0.0, 1.0)], 1)
         [array([0. , 0.5, 1. ])]
@@ -180,9 +180,9 @@ class GridSizes:
 
 
 def minima_of(values: Float[np.ndarray, "*grid"], factor: float = np.inf) -> list[tuple[int, ...]]:
-    """The points no neighbor of which is lower, best first; level ground counts once.
+    """The points without a lower neighbor, best first; a plateau counts once.
 
-    Only those with at most `factor` times the lowest value; none where there is no number.
+    Only those with at most `factor` times the lowest value; empty if there is no number.
 
     >>> minima_of(np.array([3.0, 1.0, np.nan, 0.5, 0.5, 0.7]))
     [(3,), (1,)]
@@ -200,14 +200,15 @@ def minima_of(values: Float[np.ndarray, "*grid"], factor: float = np.inf) -> lis
 def lowest_scales(
     objective: Descended[Any], sizes: GridSizes, *, apart: bool, factor: float = np.inf
 ) -> list[LogScales]:
-    """The minima of an objective on a grid over its axes, as `minima_of` has them.
+    """The minima of an objective on a grid over its axes, as in `minima_of`.
 
     Args:
-        objective: Its axes, how many are `interchangeable`, and its `least_v2` at many scales.
+        objective: Its axes, the number of `interchangeable` ones, and its `least_v2` at many
+        scales.
         sizes: Values on every axis.
-        apart: Whether interchangeable pairs have time constants that differ, where there are
-            several to choose from.
-        factor: How many times the lowest sqrt(J) one may have.
+        apart: Whether interchangeable pairs must have different time constants, if there are
+            several values to choose from.
+        factor: Largest accepted sqrt(J) as a multiple of the lowest.
     """
     elements = sum(axis.name != RATE for axis in objective.axes)
     values = sizes.values(((axis.low, axis.high) for axis in objective.axes), elements)

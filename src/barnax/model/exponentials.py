@@ -1,9 +1,9 @@
-"""Every exponential of a span of time constants, out of a few of them.
+"""Every exponential in a span of time constants, from a few of them.
 
-An RC pair answers a current with the kernel exp(-s / tau) / tau. In x = log(tau) that kernel is
+An RC pair responds to a current with the kernel exp(-s / tau) / tau. In x = log(tau) that kernel is
 analytic in a strip, so its values at Chebyshev nodes give it everywhere in between with an error
-that can be proved beforehand; and the kernels of those nodes are so alike that about half of them,
-the skeleton, give the others. None of this depends on a record.
+that can be bounded in advance; and the kernels of those nodes are so similar that about half of
+them, the skeleton, give the others. None of this depends on a record.
 """
 
 import functools
@@ -22,18 +22,18 @@ from ..errors import InputError
 _SPAN_STEP = math.log(10) / 4
 _NODE_STEP = 8
 MAX_NODES = 256
-# A pair so many times as fast as any interval is at its end within it, to the last bit.
+# A pair this many times faster than any interval settles within it, to the last bit.
 AT_ONCE = 40.0
-# Spacing in log(s) of the grid on which kernels are compared, and how far it reaches beyond them.
+# Spacing in log(s) of the grid on which kernels are compared, and its margin beyond them.
 _GRID_STEP = 0.1
 _GRID_BEFORE, _GRID_AFTER = 36.0, 4.0
 
 
 class Span(NamedTuple):
-    """Nodes in log(tau), which of them are the skeleton, and how that gives all nodes.
+    """Nodes in log(tau), which of them form the skeleton, and the matrix from it to all nodes.
 
-    `error` bounds |exact - interpolated| of a pair's answer to a current of at most 1 A, in V
-    per ohm.
+    `error` bounds |exact - interpolated| of a pair's response to a current of at most 1 A, in V per
+    ohm.
     """
 
     center: float
@@ -51,14 +51,14 @@ class Span(NamedTuple):
         return np.exp(self.center + self.half_width * self.nodes[self.skeleton])
 
     def counts(self, log_tau: Float[np.ndarray, "points"]) -> Float[np.ndarray, "points nodes"]:
-        """The weights of the nodes' answers in those of some tau, as `Lagrange.at` has it."""
+        """The weights of the nodes' responses in those of the given tau, as in `Lagrange.at`."""
         gaps = ((log_tau - self.center) / self.half_width)[:, None] - self.nodes
         terms = self.weights / np.where(gaps == 0, np.finfo(float).tiny, gaps)
         return terms / np.sum(terms, axis=1, keepdims=True)
 
 
 def can_span(lower: float, upper: float, tolerance: float) -> bool:
-    """True where `span_of` needs no more than `MAX_NODES` nodes."""
+    """True if `span_of` needs no more than `MAX_NODES` nodes."""
     return interpolation_error(MAX_NODES, _steps(lower, upper) * _SPAN_STEP / 2) <= tolerance / 2
 
 
@@ -69,8 +69,8 @@ def _steps(lower: float, upper: float) -> int:
 def span_of(lower: float, upper: float, tolerance: float) -> Span:
     """Nodes for time constants from `lower` to `upper`.
 
-    `tolerance` is the largest error of a pair's answer, relative to the largest current. Raises
-    `InputError` where the span needs more than `MAX_NODES` nodes.
+    `tolerance` is the largest error of a pair's response, relative to the largest current. Raises
+    `InputError` if the span needs more than `MAX_NODES` nodes.
     """
     steps = _steps(lower, upper)
     if not can_span(lower, upper, tolerance):
@@ -82,19 +82,19 @@ def span_of(lower: float, upper: float, tolerance: float) -> Span:
     half_width = steps * _SPAN_STEP / 2
     counts = range(_NODE_STEP, MAX_NODES + 1, _NODE_STEP)
     count = next(n for n in counts if interpolation_error(n, half_width) <= tolerance / 2)
-    # One thread: what a library does with several would change the last bits.
+    # One thread: a library that uses several would change the last bits.
     with one_blas_thread():
         return _table(count, half_width, tolerance / 2)._replace(center=center)
 
 
 def span_through(log_taus: Sequence[float]) -> Span:
-    """The span of just these time constants, between which nothing is known.
+    """The span of just these time constants, with no interpolation between them.
 
     >>> span_through((math.log(2.0), math.log(50.0))).skeleton_tau.round(9).tolist()
     [2.0, 50.0]
     """
     low = min(log_taus)
-    # A single one has no width.
+    # A single time constant has no width.
     half_width = (max(log_taus) - low) / 2 or 1.0
     center, eye = low + half_width, np.eye(len(log_taus))
     return Span(
@@ -134,7 +134,7 @@ def _table(count: int, half_width: float, tolerance: float) -> Span:
 
     decomposed: Any = qr(kernels, mode="r", pivoting=True)
     factor, order = decomposed[0][:count], decomposed[1]
-    # Interpolation between nodes can add up their errors; it does so by less than this.
+    # Interpolation between nodes can accumulate their errors, by less than this factor.
     lebesgue = 2 / math.pi * math.log(count) + 1
     pivots = np.abs(np.diag(factor))
     rank = min(count, int(np.count_nonzero(pivots > tolerance * pivots[0])))
@@ -160,7 +160,7 @@ def _table(count: int, half_width: float, tolerance: float) -> Span:
 
 
 def _slope(nodes: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """The matrix that takes values at the nodes to the interpolant's derivatives there."""
+    """The matrix from values at the nodes to the interpolant's derivatives there."""
     gaps = nodes[:, None] - nodes
     np.fill_diagonal(gaps, 1.0)
     slope = weights / weights[:, None] / gaps

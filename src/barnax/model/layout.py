@@ -1,5 +1,5 @@
-"""Triangular factors of many rows: what sums of squares of all combinations of columns need; and
-the columns of the reduced factor of some records, in the order in which they stand."""
+"""Triangular factors of many rows: sufficient for the squared norm of any combination of columns;
+and the order of the columns in the reduced factor of records."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -14,16 +14,15 @@ from .exponentials import AT_ONCE, Span, span_of
 from .prepared import PreparedRecord
 from .search_space import Range
 
-# Rows that join a factor at a time, as many as stay in a core's cache, and columns of one block
-# reflector: measured, a factor joined by whole blocks with LAPACK's plain QR takes three times as
-# long.
+# Rows added to a factor at a time, as many as fit in a core's cache, and columns of one block
+# reflector: measured, adding whole blocks with LAPACK's plain QR takes three times as long.
 PANEL = 1024
 FEW_COLUMNS, REFLECTORS = 128, (8, 32)
 # Rows of the factor that add less than this to any column's RMS, in V, are left out. They are
 # orthogonal to the others: an RMSE grows by their square over twice itself.
 NEGLIGIBLE_V = 1e-13
-# The rows that are left are a multiple of this, so that most records share one program, and as
-# wide as a processor's widest registers like them.
+# The remaining rows are padded to a multiple of this, so that most records share one program, and
+# to match a processor's widest registers.
 ROW_STEP = 16
 
 Rows = Float[np.ndarray, "rows columns"]
@@ -46,7 +45,7 @@ def update_triangular(factor: Triangle, rows: Rows) -> Triangle:
 
 
 def join_triangles(triangles: Iterable[Triangle]) -> Triangle:
-    """The triangular factor of some triangular ones."""
+    """The triangular factor of several triangular ones."""
     tpqrt: Any = get_lapack_funcs("tpqrt")
 
     def joined(used: Triangle, other: Triangle) -> Triangle:
@@ -56,7 +55,7 @@ def join_triangles(triangles: Iterable[Triangle]) -> Triangle:
 
 
 def append_rows(factor: Triangle, rows: Rows) -> Triangle:
-    """The triangular factor with more rows, whose empty columns stay so."""
+    """The triangular factor with more rows; its empty columns stay empty."""
     used = np.flatnonzero(np.any(factor, axis=0) | np.any(rows, axis=0))
     joined, block = np.zeros_like(factor), np.ix_(used, used)
     joined[block] = update_triangular(factor[block], rows[np.any(rows, axis=1)][:, used])
@@ -66,7 +65,7 @@ def append_rows(factor: Triangle, rows: Rows) -> Triangle:
 def shorten(
     factor: Float[np.ndarray, "rows columns"], negligible: float
 ) -> Float[np.ndarray, "fewer columns"]:
-    """A factor with fewer rows that gives the same length to every combination of columns, up to
+    """A factor with fewer rows that preserves the norm of every combination of columns, up to
     `negligible`.
     """
     if not np.any(factor):
@@ -83,13 +82,13 @@ def shorten(
     return shorter
 
 
-# Bound on the error of a pair's answer, relative to the largest current.
+# Bound on the error of a pair's response, relative to the largest current.
 TOLERANCE = 1e-12
 
 
 def spans_between(ends: Iterable[Range]) -> tuple[Span, Span | None]:
-    """Nodes for every RC pair of a box, and for a dynamic hysteresis where there is one, by
-    `span_ends`. Raises `InputError` where these are too far apart."""
+    """Nodes for every RC pair in a box, and for a dynamic hysteresis if there is one, from
+    `span_ends`. Raises `InputError` if the ends are too far apart."""
     in_tau, *in_rate = (span_of(*each, TOLERANCE) for each in ends)
     return in_tau, in_rate[0] if in_rate else None
 
@@ -101,16 +100,16 @@ def span_ends(taus_s: Range, gammas: Range | None, interval_s: float) -> list[Ra
 
 
 def ends_of(records: Sequence[PreparedRecord], taus_s: Range, gammas: Range | None) -> list[Range]:
-    """The ranges of spans that the densest samples of some records can resolve."""
+    """The ranges of spans that the densest samples of the records can resolve."""
     interval_s = min(float(np.min(np.diff(prepared.time_s))) for prepared in records)
     return span_ends(taus_s, gammas, interval_s)
 
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """The columns of a factor. `amplitude` says what a dynamic hysteresis has of them: none,
-    those of the measured gap, or those of a table. The OCV correction stands at `ocv_nodes`, all
-    other tables at `nodes`. Several voltages under one current are so many `sides`."""
+    """The columns of a factor. `amplitude` gives the columns of a dynamic hysteresis: none, those
+    of the measured gap, or those of a table. The OCV correction is at `ocv_nodes`, all other tables
+    at `nodes`. Several voltages under one current are as many `sides`."""
 
     nodes: tuple[float, ...]
     ocv_nodes: tuple[float, ...]
@@ -133,9 +132,8 @@ class Layout:
 
     @property
     def sizes(self) -> dict[str, tuple[int, int]]:
-        """Number and width of the columns of each part; those of `pairs` and
-        `hysteresis_response` are of the skeletons, `initial_hysteresis` is the hysteresis before it
-        has turned."""
+        """Number and width of the columns of each part; those of `pairs` and `hysteresis_response`
+        are for the skeletons, `initial_hysteresis` is the hysteresis before it has turned."""
         nodes, rate = len(self.nodes), self.in_rate
         responses = 0 if rate is None else len(rate.skeleton), nodes if self.has_amplitude else 1
         return {
@@ -152,7 +150,8 @@ def by_first_visit(
     prepared_records: Sequence[PreparedRecord], layout: Layout
 ) -> Int[np.ndarray, "columns"]:
     """The columns in the order in which samples first come near their nodes, then those of all
-    nodes. What is near now is near the end of those seen so far, and moves little of a triangle."""
+    nodes. The nodes near a sample are at the end of those seen so far, so that it changes little of
+    a triangle."""
     if len(layout.nodes) == 1 and not layout.has_correction:
         return np.arange(layout.width)
     first = np.full(layout.width, np.inf)
@@ -168,7 +167,7 @@ def by_first_visit(
                 np.minimum.at(seen, node, at + before)
             before += len(prepared.soc)
         first[indices] = seen
-    # What no sample comes near stays empty; what every sample moves is last of all.
+    # Columns that no sample comes near stay empty; those that every sample changes come last.
     everywhere = [layout.columns["base"].ravel()]
     if not layout.has_amplitude:
         everywhere.insert(0, layout.columns["hysteresis_response"].ravel())

@@ -1,4 +1,5 @@
-"""One record made ready to simulate: which part of it, its SOC, and a resting cell's voltage."""
+"""One record prepared for simulation: the simulated part, its SOC, and the cell's voltage at
+rest."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -25,14 +26,14 @@ if TYPE_CHECKING:
     from .simulate import SimulationInput
 
 FEWEST_SAMPLES = 10
-# This share of a record's samples is enough to tell a time constant of their interval.
+# This share of a record's samples is enough to determine a time constant equal to their interval.
 DENSE_QUANTILE = 0.05
-# All of R0 is in the answer to a step after so long (a second, but for a clock's jitter), and two
-# samples at least, on whichever side of its sample a current flows.
+# The response to a step contains all of R0 after this time (a second, less a clock's jitter) and at
+# least two samples, whichever side of its sample a current flows on.
 AFTER_S = 0.99
-# Samples that are held at a time; records of every length share the programs of such a block.
+# Samples processed at a time; records of every length share the programs for such a block.
 BLOCK = 4096
-# What a prepared record has of its own at every simulated sample.
+# Fields of a prepared record with one value per simulated sample.
 COURSES = (
     "soc", "direction", "source_v", "hysteresis_amplitude_v", "scored", "resistance_factor"
 )  # fmt: skip
@@ -42,8 +43,8 @@ COURSES = (
 class PreparedRecord(Brief):
     """The simulated span of one record, first to last scored sample.
 
-    `cell` is as it is at the record's temperature. `source_v` is the open-circuit voltage with the
-    circuit's hysteresis term, a dynamic one standing still; `direction` the last direction of the
+    `cell` is the cell at the record's temperature. `source_v` is the open-circuit voltage with the
+    circuit's hysteresis term, a dynamic one held constant; `direction` the last direction of the
     current (+1 charging, -1 discharging). `hysteresis_amplitude_v` is None for circuits without
     dynamic hysteresis.
     """
@@ -71,23 +72,22 @@ class PreparedRecord(Brief):
 
     @property
     def settled_window(self) -> Window:
-        """The window, with the direction before the start that was found to fit better."""
+        """The window, with the better-fitting direction before the start."""
         if self.start.direction_source != "better fit":
             return self.window
         return replace(self.window, initial_direction=self.start.direction)
 
     @property
     def unregistered(self) -> "PreparedRecord":
-        """A copy with start and capacity as they were before other records, or its OCV test, moved
-        them."""
+        """A copy with start and capacity as before any registration."""
         registration = self.window.registration
         if registration is None:
             return self
         return self.in_window(registration.given).following(self.dependence)
 
     def in_window(self, window: Window, record: Record | None = None) -> "PreparedRecord":
-        """A copy prepared anew in another window, or of another record, from the direction that
-        fits better and without a resistance law. Raises `InputError` as `prepare_record` does."""
+        """A copy prepared in another window or of another record, in the better-fitting direction
+        and without a law. Raises `InputError` as `prepare_record` does."""
         window = replace(self, window=window).settled_window
         moved = prepare_record(record or self.record, self.cell, self.circuit, window)
         other_v = self.start.other_rmse_v
@@ -100,7 +100,7 @@ class PreparedRecord(Brief):
         registration: Registration | None = None,
         record: Record | None = None,
     ) -> "PreparedRecord | None":
-        """A copy with another start and capacity; None where the record cannot have these."""
+        """A copy with another start and capacity; None if these are impossible for the record."""
         window = replace(
             self.window,
             initial_soc=soc,
@@ -112,7 +112,7 @@ class PreparedRecord(Brief):
         return None if isinstance(moved, InputError) else moved
 
     def following(self, dependence: Dependence | None) -> "PreparedRecord":
-        """A copy whose resistances have this law beside SOC; None for no law."""
+        """A copy whose resistances have this law beyond SOC; None for no law."""
         if dependence == self.dependence:
             return self
         factor = None
@@ -123,26 +123,26 @@ class PreparedRecord(Brief):
         return replace(self, dependence=dependence, resistance_factor=factor)
 
     def fitting_better(self, other_rmse_v: float) -> "PreparedRecord":
-        """A copy that records that its direction fits better than the other does."""
+        """A copy that records that its direction fits better than the other one."""
         start = replace(self.start, direction_source="better fit", other_rmse_v=other_rmse_v)
         return replace(self, start=start)
 
     def part(self, here: slice) -> "PreparedRecord":
-        """Some neighboring ones of the simulated samples; the last one's current leads nowhere."""
+        """A slice of the simulated samples, the last one's current unused."""
         courses = {name: values for name in COURSES if (values := getattr(self, name)) is not None}
         courses = {name: values[here] for name, values in courses.items()}
         return replace(self, first=self.first + here.start, **courses)
 
     def parts(self, samples: int) -> Iterator["PreparedRecord"]:
-        """Blocks of so many samples, each with the next one's first, to which its last current
-        leads."""
+        """Blocks of `samples` samples, each with the first sample of the next, at which its last
+        current interval ends."""
         for first in range(0, len(self.soc), samples):
             yield self.part(slice(first, first + samples + 1))
 
     def input_blocks(
         self, samples: int, shortest_tau_s: float, highest_gamma: float | None = None
     ) -> Iterator[tuple[slice, "SimulationInput"]]:
-        """`simulation_input` block after block, each filled up to so many samples: states at the
+        """`simulation_input` block by block, each padded to `samples` samples: the states at the
         end of one are those at the start of the next."""
         for number, part in enumerate(self.parts(samples)):
             first = number * samples
@@ -150,8 +150,8 @@ class PreparedRecord(Brief):
             yield slice(first, min(first + samples, len(self.soc))), inputs
 
     def simulates_as(self, other: "PreparedRecord") -> bool:
-        """True where every circuit has the same errors on the other, sample by sample: what these
-        are computed from is the same."""
+        """True if every circuit has the same errors on the other record, sample by sample, because
+        the data they are computed from are the same."""
         samples = ("time_s", "current_a", "held_a", "voltage_v", *COURSES)
         is_like = self.start.direction == other.start.direction
         return is_like and all(
@@ -173,7 +173,8 @@ class PreparedRecord(Brief):
 
     @property
     def informed(self) -> Bool[np.ndarray, "simulated"]:
-        """The scored samples from the first load on: a rest before it says nothing of a circuit."""
+        """The scored samples from the first load on: a rest before it contains no information about
+        a circuit."""
         loaded = np.abs(self.current_a) >= self.rest_current_a
         return self.scored & (np.arange(len(loaded)) >= np.argmax(loaded))
 
@@ -193,7 +194,7 @@ class PreparedRecord(Brief):
 
     @property
     def measured_degc(self) -> Float[np.ndarray, "simulated"] | None:
-        """The temperature at every simulated sample, None where none was measured."""
+        """The temperature at every simulated sample; None if none was measured."""
         degc = self.record.temperature_degc
         return None if degc is None else filled(self.time_s, degc[self.span])
 
@@ -203,33 +204,34 @@ class PreparedRecord(Brief):
 
     @property
     def dense_interval_s(self) -> float:
-        """The interval of the densest samples, enough of them to tell a time constant of it."""
+        """The interval of the densest samples, enough of them to determine a time constant of that
+        length."""
         return float(np.quantile(np.diff(self.time_s), DENSE_QUANTILE, overwrite_input=True))
 
     @property
     def step_ohm(self) -> float:
-        """The resistance at the current's steps; zero where they do not tell it."""
+        """The resistance at the current's steps; zero if they do not determine it."""
         return self.record.resistance_ohm
 
     @property
     def is_step(self) -> Bool[np.ndarray, "simulated"]:
-        """True at the samples that the current steps to, whatever is before and after."""
+        """True at the samples that the current steps to, regardless of the samples around them."""
         moved_a = np.abs(np.diff(self.current_a, prepend=self.current_a[:1]))
         return moved_a > STEP_SHARE * np.abs(self.current_a).max()
 
     @property
     def is_at_ocv(self) -> Bool[np.ndarray, "simulated"]:
-        """True at the ends of rests so long that the voltage is the OCV."""
+        """True at the ends of rests long enough for the voltage to be the OCV."""
         rests = self.record.segments(self.rest_current_a).rests
         ends = [rest.last for rest in rests if is_long(rest.duration_s)]
         return np.isin(np.arange(self.span.start, self.span.stop), ends)
 
     @property
     def steps(self) -> tuple[Int[np.ndarray, "steps"], Int[np.ndarray, "steps"]]:
-        """The scored samples before the steps of the current, and those at which their answers are
-        read, with one move of the current within each.
+        """The scored samples before the steps of the current, and those at which their responses
+        are read, with one change of the current in between.
 
-        By then the voltage has moved by R0 and by what pairs have answered, so no R0 is above that.
+        By then the voltage has moved by R0 and the response of the pairs, so R0 is no larger.
         """
         moved_a, peak_a = np.abs(np.diff(self.current_a)), np.abs(self.current_a).max()
         time_s, moves = self.time_s, np.append(0, np.cumsum(moved_a >= STEADY_SHARE * peak_a))
@@ -263,9 +265,9 @@ class PreparedRecord(Brief):
     ) -> "SimulationInput":
         """The span as a circuit's input, exact for time constants from `shortest_tau_s` on.
 
-        With dynamic hysteresis, exact for rates up to `highest_gamma`. With `samples`, the first so
-        many; where there are fewer, the last is repeated uncounted, which changes no bit of an
-        error. `in_one_form`, as blocks share it.
+        With dynamic hysteresis, exact for rates up to `highest_gamma`. With `samples`, only the
+        first of them; if there are fewer, the last is repeated without weight, which changes no bit
+        of an error. `in_one_form` gives the form shared by blocks.
         """
         from .intervals import Intervals, sized
         from .simulate import HysteresisInput, SimulationInput
@@ -297,8 +299,8 @@ class PreparedRecord(Brief):
 
     @property
     def weighed_a(self) -> tuple[Float[np.ndarray, "simulated"], Float[np.ndarray, "simulated"]]:
-        """The currents through R0 at the samples and through the pairs from each to the next, as
-        large as what resistances follow makes their voltages."""
+        """The currents through R0 at the samples and through the pairs from each to the next,
+        scaled by the resistance law."""
         law, factor = self.dependence, self.resistance_factor
         if law is None or factor is None:
             return self.current_a, self.held_a
@@ -306,16 +308,16 @@ class PreparedRecord(Brief):
 
     @property
     def held_a(self) -> Float[np.ndarray, "simulated"]:
-        """The current that flows from each sample to the next; the last leads nowhere."""
+        """The current that flows from each sample to the next; the last entry is unused."""
         last = slice(self.first, self.first + len(self.soc) - 1)
         return np.append(self.record.interval_current_a[last], 0.0)
 
     @property
     def _turning(self) -> tuple[Float[np.ndarray, "simulated"], Float[np.ndarray, "simulated"]]:
         """The limit that a dynamic hysteresis approaches after every sample, relative to its start,
-        and the SOC that passes meanwhile.
+        and the SOC passed meanwhile.
         """
-        # Below the rest current a cell keeps its direction: noise and offsets turn nothing.
+        # Below the rest current a cell keeps its direction: noise and offsets reverse nothing.
         is_moving = (np.abs(self.held_a) >= self.rest_current_a) & (self.held_a != 0)
         passed = np.where(is_moving, np.abs(np.diff(self.soc, append=self.soc[-1])), 0.0)
         toward = np.where(is_moving, -np.sign(self.held_a), self.direction)
@@ -330,9 +332,8 @@ def prepare_record(
     *,
     is_measured: bool = True,
 ) -> PreparedRecord:
-    """A record made ready, with the cell as it is at the record's temperature. Raises `InputError`
-    where window, SOC or OCV range do not fit it; nothing is asked of a current that is not
-    measured, for nothing is identified with it."""
+    """A record prepared with the cell at its temperature. Raises `InputError` if window, SOC or OCV
+    range do not fit it; a current that is not measured is not checked, as it identifies nothing."""
     window = window or Window()
     cell = cell.at(temperature_of(record, window))
     capacity_ah = window.capacity_ah or cell.capacity_ah

@@ -28,7 +28,7 @@ from .window import Window
 
 
 class Objective(eqx.Module):
-    """The errors and the map from points to circuits, as the compiled search takes them."""
+    """The errors and the map from points to circuits, as the compiled search uses them."""
 
     evaluator: AbstractEvaluator
     coordinates: Coordinates
@@ -49,7 +49,7 @@ def residuals(point: Float[Array, "free"], objective: Objective) -> Float[Array,
 def errors_and_slopes(
     point: Float[Array, "free"], objective: Objective
 ) -> tuple[Float[Array, "samples"], Float[Array, "samples free"]]:
-    """The residuals and their derivatives, by one pass."""
+    """The residuals and their derivatives, in one pass."""
 
     def errors(point):
         error = residuals(point, objective)
@@ -59,14 +59,15 @@ def errors_and_slopes(
     return error, slope
 
 
-# Rows and nodes of a compressed record are filled up to a multiple of this where it is refined: a
-# program for another size takes five seconds to compile, the zeros a few percent of its time.
+# Rows and nodes of a compressed record are padded to a multiple of this for refinement: a program
+# for another size takes five seconds to compile, the zeros a few percent of its time.
 FACTOR_STEP = 64
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Problem(Brief):
-    """Prepared records, cell, circuit and bounds: what a search needs. Records share one circuit.
+    """Prepared records, cell, circuit and bounds: all that a search needs. Records share one
+    circuit.
 
     Attributes:
         prepared_records: The records in their windows.
@@ -84,7 +85,7 @@ class Problem(Brief):
     kind: Kind = "scan"
 
     def __reduce__(self):
-        # Without what is computed, which is larger than what it is computed from.
+        # Without computed properties, which are larger than their inputs.
         return Problem, tuple(getattr(self, field.name) for field in fields(self))
 
     @property
@@ -103,12 +104,12 @@ class Problem(Brief):
 
     @property
     def scored(self) -> int:
-        """Number of samples that count."""
+        """Number of scored samples."""
         return sum(int(np.count_nonzero(prepared.scored)) for prepared in self.prepared_records)
 
     def keeping_computed(self, **changes: Any) -> "Problem":
-        """The problem with other fields, and what is computed already where box and scale stay and
-        the records have the same samples."""
+        """The problem with other fields, keeping computed properties if box and scale stay the same
+        and the records have the same samples."""
         other = replace(self, **changes)
         ours, theirs = self.prepared_records, other.prepared_records
         if (other.bounds, other.scale, len(theirs)) == (self.bounds, self.scale, len(ours)) and all(
@@ -126,7 +127,7 @@ class Problem(Brief):
 
     @cached_property
     def coordinates(self) -> Coordinates:
-        """The coordinates that are searched."""
+        """The search coordinates."""
         return (
             self.log_coordinates if self.scale == "log" else Coordinates.of(self.bounds, self.scale)
         )
@@ -138,7 +139,7 @@ class Problem(Brief):
 
     @cached_property
     def all_inputs(self) -> tuple[SimulationInput, ...]:
-        """Every course as the scan takes it, exact in the whole box."""
+        """The input of every record to the scan, exact in the whole box."""
         return self._inputs(in_common_size=False)
 
     def _inputs(self, *, in_common_size: bool) -> tuple[SimulationInput, ...]:
@@ -159,29 +160,30 @@ class Problem(Brief):
 
     @property
     def is_compressible(self) -> bool:
-        """True where the box is narrow enough for the small factor."""
+        """True if the box is narrow enough for the small factor."""
         ends = ends_of(self.prepared_records, *self.coordinates.spans)
         return all(can_span(*each, TOLERANCE) for each in ends)
 
     @cached_property
     @in_float64
     def compressed(self) -> Compressed:
-        """The objective in compressed form. Raises `InputError` where the box is too wide."""
+        """The objective in compressed form. Raises `InputError` if the box is too wide."""
         return compress(self.prepared_records, self.coordinates)
 
     @cached_property
     def padded_inputs(self) -> tuple[SimulationInput, ...]:
-        """Every course in one of few shapes; a sample that does not count has no weight."""
+        """The input of every record in one of a few shapes; padded samples have no weight."""
         return self._inputs(in_common_size=True)
 
     @property
     def padded_scan(self) -> AbstractEvaluator:
-        """The reference in one of few shapes, with the same bits."""
+        """The reference in one of a few shapes, with the same bits."""
         return Joint.of(self.padded_inputs)
 
     @cached_property
     def padded_compressed(self) -> Compressed:
-        """The compressed objective in one of few shapes, for what takes seconds to compile."""
+        """The compressed objective in one of a few shapes, for programs that take seconds to
+        compile."""
         return self.compressed.padded_to_multiple(FACTOR_STEP)
 
     @property
@@ -191,14 +193,14 @@ class Problem(Brief):
         return Objective(evaluator, self.coordinates)
 
     def padded_objective(self, kind: Kind = "scan") -> Objective:
-        """The objective in log coordinates, in one of few shapes."""
+        """The objective in log coordinates, in one of a few shapes."""
         evaluator = self.padded_compressed if kind == "compressed" else self.padded_scan
         return Objective(evaluator, self.log_coordinates)
 
     def parameters_at(
         self, points: Sequence[Float[np.ndarray, "free"]], coordinates: Coordinates
     ) -> list[CircuitParameters]:
-        """The circuits at some points, pairs ordered by tau where both have one box."""
+        """The circuits at the given points, pairs ordered by tau if they share one box."""
         # In NumPy: JAX would compile a program for every number of points.
         decoded = coordinates.decode(as_input(points).T, np)
         leaves, tree = jax.tree.flatten(decoded)
@@ -215,8 +217,8 @@ class Problem(Brief):
 def applicable_to(
     model: str, values: Mapping[str, Any] | None, models: Sequence[str]
 ) -> dict[str, Any]:
-    """The bounds or fixed values that are not of another model alone; one that none of them knows
-    is left for the first to complain of."""
+    """The bounds or fixed values that do not belong only to other models; a name unknown to all is
+    left for the first model to reject."""
     others = set().union(*map(_names_of, models)) - _names_of(model)
     return {name: value for name, value in (values or {}).items() if name not in others}
 
@@ -241,7 +243,7 @@ def rmse_by_scan(problem: Problem, circuits: Sequence[CircuitParameters]) -> lis
 def point_blocks(
     circuits: Sequence[CircuitParameters], coordinates: Coordinates
 ) -> list[Float[Array, "seeds free"]]:
-    """The points of circuits in blocks of one size; the last is filled up with its last circuit.
+    """The points of circuits in blocks of one size; the last is padded with its last circuit.
 
     Call inside float64.
     """
@@ -269,10 +271,10 @@ def make_problem(
     objective: Kind = "scan",
     source: str = "bounds",
 ) -> Problem:
-    """The problem of finding a circuit's parameters from one or several records of a cell.
+    """The problem of identifying a circuit's parameters from one or more records of a cell.
 
     Args:
-        record: One or several records.
+        record: One or more records.
         cell: A cell from `characterize`.
         circuit: Name of the circuit.
         window: The part of the records that is simulated: one for all, or one for each.
@@ -281,7 +283,7 @@ def make_problem(
         coordinates: Search coordinates: "rc", or logarithms of R and tau.
         objective: "scan" simulates every sample for every candidate; "compressed" reduces the
             records once and agrees with it to 1e-9.
-        source: What messages call the origin of the bounds.
+        source: The origin of the bounds, for messages.
 
     Raises `InputError` if window, box or OCV range do not fit a record, the box is too wide to
     compress, or circuit or objective are unknown; `ValueError` for windows that do not match.
@@ -316,13 +318,13 @@ def make_problem(
     )
     box = box.with_changes(bounds or {}, fixed or {}, source)
     problem = Problem(prepared_records, cell, box, coordinates, objective)
-    # What cannot be searched is refused here, not in the middle of a search.
+    # A box that cannot be searched is rejected here, not in the middle of a search.
     _ = problem.objective
     return problem
 
 
 def require_changing_voltage(prepared: PreparedRecord) -> None:
-    """Raise `InputError` where the scored voltage is flat: errors on it mean nothing."""
+    """Raise `InputError` if the scored voltage is constant: errors on it mean nothing."""
     voltage_v = prepared.voltage_v[prepared.scored]
     if np.ptp(voltage_v) == 0:
         raise InputError(
@@ -331,12 +333,12 @@ def require_changing_voltage(prepared: PreparedRecord) -> None:
         )
 
 
-# Fewer, and parameters follow single samples of noise.
+# With fewer samples, parameters would fit the noise of single samples.
 SAMPLES_A_PARAMETER = 10
 
 
 def require_enough(problem: Problem) -> None:
-    """Raise `InputError` where parameters would follow single samples of noise."""
+    """Raise `InputError` if there are too few samples for the parameters."""
     wanted = SAMPLES_A_PARAMETER * len(problem.coordinates.names)
     if problem.scored < wanted:
         raise InputError(

@@ -1,9 +1,9 @@
 """Records reduced to factors whose size does not depend on their length.
 
-For given time constants the error is linear in every table: its columns are the signals that each
-node's hat shares out of the current, low-passed. A constant circuit has one node. The low-passed
-signals of any time constant are combinations of those of a few (`exponentials`), so the triangular
-factor of [few time constants x nodes, what else there is, base error] gives the columns of all.
+For given time constants the error is linear in every table: its columns are the current weighted by
+each node's hat function, low-passed. A constant circuit has one node. The low-passed signals of any
+time constant are combinations of those of a few (`exponentials`), so the triangular factor of [few
+time constants x nodes, other columns, base error] gives the columns of all.
 """
 
 import math
@@ -35,15 +35,16 @@ if TYPE_CHECKING:
     from .intervals import Intervals
     from .simulate import SimulationInput
 
-# Chains of factors that are combined at the end; a fixed number, so that no bit depends on cores.
+# Chains of factors that are combined at the end; a fixed number, so that no bit depends on the
+# number of cores.
 CHAINS = 2
-# Time constants are answered in multiples of this, so that spans of many widths share a program.
+# Time constants are simulated in multiples of this, so that spans of many widths share a program.
 TAU_STEP = 8
-# Nodes whose answers are computed at once.
+# Nodes whose responses are computed at once.
 CHANNELS = 4
 
 Columns = Float[np.ndarray, "rows columns"]
-# The group of each of some samples of a record.
+# The group number of each of some samples of a record.
 Groups = Callable[[slice], Int[np.ndarray, "samples"]]
 
 
@@ -54,11 +55,11 @@ class Reduced:
     layout: Layout
     scored: int
     factor: Columns
-    # The columns in the order in which the factor is triangular, where it is.
+    # The columns in the order in which the factor is triangular, if it is.
     order: Int[np.ndarray, "columns"] | None = None
 
     def part(self, name: str) -> Float[np.ndarray, "few rows width"]:
-        """The columns of that part of the layout."""
+        """The columns of a part of the layout."""
         scale = 1 / math.sqrt(max(self.scored, 1))
         # Contiguous for the products of a search, which are over the first axis.
         return np.multiply(self._block(name).transpose(1, 0, 2), scale, order="C")
@@ -71,7 +72,7 @@ class Reduced:
         return block.reshape(len(block), *indices.shape)
 
     def side(self, number: int) -> "Reduced":
-        """The factor of one of several voltages: what is left of its base error is one row."""
+        """The factor of one of several voltages: the remainder of its base error is one row."""
         indices = self.layout.columns["base"][:, 0]
         columns = np.delete(np.arange(self.layout.width), np.delete(indices, number))
         above, below = np.split(self.factor[:, columns], [indices[0]])
@@ -81,11 +82,11 @@ class Reduced:
         return Reduced(layout, self.scored, np.concatenate([above, last]))
 
     def coarser(self, nodes: Sequence[float] = ANYWHERE, has_ocv: bool = False) -> "Reduced":
-        """The factor of a circuit whose resistances have some of these nodes, or one value at every
-        SOC: coarser hats are sums of finer ones. The OCV keeps its table, or has none."""
+        """The factor of a circuit whose resistances have a subset of these nodes, or one value at
+        every SOC: coarser hats are sums of finer ones. The OCV keeps its table, or has none."""
         layout = replace(self.layout, nodes=tuple(nodes), has_correction=has_ocv)
         if (layout.nodes, has_ocv) == (self.layout.nodes, self.layout.has_correction):
-            # Factors are large: the same columns are shared, not copied.
+            # Factors are large: unchanged columns are shared, not copied.
             return replace(self, order=None)
         to_coarser = hats(np.array(self.layout.nodes), nodes)
 
@@ -113,8 +114,8 @@ def reduce_records(
     beside_v: Float[np.ndarray, "simulated sides"] | None = None,
 ) -> list[Reduced]:
     """The factor of each of `count` groups of samples; `groups` number those of every record, -1
-    for samples that do not count. Nothing longer than a block is ever held. Of a single record,
-    `beside_v` is how far above its voltage that of every side is.
+    for samples that are not scored. Only one block of samples is in memory at a time. For a single
+    record, `beside_v` is the voltage of every side minus the record's.
     """
     order = by_first_visit(prepared_records, layout)
     chains: dict[tuple[int, int], Future] = {}
@@ -126,15 +127,15 @@ def reduce_records(
                 for group in np.unique(numbers[numbers >= 0]).tolist():
                     is_member = numbers == group
                     scored[group] += np.count_nonzero(is_member)
-                    # One group alone has two chains, so that two cores share it.
+                    # A single group has two chains, so that two cores share it.
                     chain = group, turn % CHAINS if count == 1 else 0
-                    # Waiting here keeps no more blocks than there are chains.
+                    # Waiting here keeps no more blocks in memory than there are chains.
                     done = chains.get(chain)
                     before = done.result() if done else _Triangle.empty(layout, order)
                     chains[chain] = pool.submit(before.joined_by, block, is_member)
         reduced_groups = []
         for group, number in enumerate(scored.tolist()):
-            # Each is let go once it is put in order: one is as large as what is made of it.
+            # Each is released once it is put in order: it is as large as the result.
             done = [chains.pop(chain) for chain in sorted(chains) if chain[0] == group]
             parts = [done.pop(0).result().reduced(layout, number) for _ in range(len(done))]
             parts = parts or [_Triangle.empty(layout, order).reduced(layout, number)]
@@ -144,8 +145,8 @@ def reduce_records(
 
 @dataclass(eq=False)
 class _Triangle:
-    """The triangular factor of the samples of one chain so far, with its columns in an order. Of
-    the first columns in it those from `end` on are still empty, but the last `fixed`."""
+    """The triangular factor of the samples of one chain so far, with the order of its columns. The
+    columns from `end` on in that order are still empty, except for the last `fixed`."""
 
     order: Int[np.ndarray, "columns"]
     fixed: int
@@ -160,11 +161,11 @@ class _Triangle:
         return cls(order, fixed, 0, np.zeros((layout.width,) * 2, order="F"))
 
     def joined_by(self, block: "ColumnBlock", is_member: Bool[np.ndarray, "_"]) -> "_Triangle":
-        """This one, with those samples of a block that are its own."""
+        """This factor, with the samples of a block that belong to it."""
         rows, few = block.local_columns, block.local_columns.shape[1]
         rows = rows if np.all(is_member) else rows[is_member]
         if np.array_equal(block.columns, self.order):
-            # All that there is, as of one node.
+            # All columns are present, as for a single node.
             self.factor = update_triangular(self.factor, rows)
             return self
         position = np.empty_like(self.order)
@@ -172,7 +173,7 @@ class _Triangle:
         decaying = few - len(block.columns)
         if len(rows) > few:
             rows = update_triangular(np.zeros((few, few)), rows)
-            # Below the decays of what is far, nothing but what is near is left.
+            # Below the decays of distant nodes, only the columns of near ones are left.
             self._join(rows[decaying:, decaying:], position[block.columns])
             rows = rows[:decaying]
         if len(rows):
@@ -199,7 +200,7 @@ class _Triangle:
 
 
 def _joined(parts: Sequence[Reduced]) -> Reduced:
-    """The factor of the samples of all, triangular as theirs."""
+    """The factor of the samples of all parts, triangular as theirs."""
     if not parts[1:]:
         return parts[0]
     order = parts[0].order
@@ -212,7 +213,7 @@ def _joined(parts: Sequence[Reduced]) -> Reduced:
 
 
 def together(parts: Sequence[Reduced]) -> Reduced:
-    """All of them as one, without rows that are rounding."""
+    """All parts as one, without rows that are rounding."""
     first = parts[0]
     if all(part.order is not None and part.order is first.order for part in parts):
         factor = _joined(parts).factor
@@ -227,9 +228,9 @@ def together(parts: Sequence[Reduced]) -> Reduced:
 class ColumnBlock:
     """The columns at the samples `here` of a record.
 
-    What is near only few nodes moves only few `columns`, the last of `local_columns`: all others,
-    `far`, are what is left of earlier answers, which decay alike at every node. The first of
-    `local_columns` are those decays, and `left` what of each there is at every other node.
+    Samples near only a few nodes change only these `columns`, the last of `local_columns`: all
+    others, `far`, are the remainders of earlier responses, which decay alike at every node. The
+    first of `local_columns` are those decays, and `left` is the amount of each at every other node.
     """
 
     here: slice
@@ -280,7 +281,7 @@ def blocks(
             response = response[:size, : len(rate.skeleton)]
             amplitude_v = np.asarray(hysteresis.amplitude_v)[:size, None]
             if layout.has_amplitude:
-                # In place of the measured amplitude.
+                # Relative to no hysteresis rather than to the measured amplitude.
                 base = base + start * amplitude_v
                 into += [
                     layout.columns[name][:, near]
@@ -309,7 +310,7 @@ def blocks(
 
 
 class _SharedAnswers:
-    """The skeleton's answers to a current that is shared among nodes, block after block."""
+    """The skeleton's responses to a current shared among nodes, block by block."""
 
     def __init__(self, span: Span, nodes: int):
         self._tau, self._count = padded_tau(span), len(span.skeleton)
@@ -322,17 +323,17 @@ class _SharedAnswers:
         Float[np.ndarray, "samples skeleton"],
         Float[np.ndarray, "samples skeleton near"],
     ]:
-        """The rest of earlier answers at nodes that are not near, its decay, and the answers at
-        those that are."""
-        # Where every node is near, no answer elsewhere is left that could decay.
+        """The remainder of earlier responses at nodes that are not near, its decay, and the
+        responses at those that are."""
+        # If every node is near, no response elsewhere is left that could decay.
         has_far = int(len(near) < self._states.shape[1])
         size, wide = len(spread), has_far + len(near)
-        # The first channel of those that decay starts from one and has no current.
+        # The first channel, if there is one for decay, starts from one and has no current.
         held = np.zeros((BLOCK, -(-wide // CHANNELS) * CHANNELS if wide > 1 else 1))
         held[:size, has_far:wide] = spread * np.asarray(inputs.held_a)[:size, None]
         states = np.zeros((len(self._tau), held.shape[1]))
         states[:, :has_far], states[:, has_far:wide] = 1.0, self._states[:, near]
-        # A few channels at a time, so that there is one program however many nodes are near.
+        # A few channels at a time, so that one program serves any number of near nodes.
         parts = [
             answer_block(
                 self._tau,
@@ -355,7 +356,7 @@ class _SharedAnswers:
 
 
 def padded_tau(span: Span) -> Float[np.ndarray, "skeleton"]:
-    """The skeleton's time constants, filled up by the last one."""
+    """The skeleton's time constants, padded with the last one."""
     return np.pad(span.skeleton_tau, (0, -len(span.skeleton_tau) % TAU_STEP), "edge")
 
 
@@ -367,7 +368,7 @@ def answer_block(
 ) -> tuple[
     Float[np.ndarray, "skeleton *channels"], Float[np.ndarray, "samples skeleton *channels"]
 ]:
-    """The state after a block of `BLOCK` samples, and the answers at them."""
+    """The state after a block of `BLOCK` samples, and the responses at them."""
     from .simulate import respond_all
 
     clock = np.asarray(intervals.node_s), np.asarray(intervals.node), np.asarray(intervals.offset_s)

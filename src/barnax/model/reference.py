@@ -1,4 +1,4 @@
-"""A circuit on a record, sample by sample: the reference of every reported number.
+"""A circuit on a record, sample by sample: the reference for every reported number.
 
 v = U(s) + D(s) + g(s) h - R0(s) i - sum u_p, with U the source voltage, D the OCV correction, h a
 dynamic hysteresis of amplitude g, and u_p the voltages of the RC pairs. In every interval a pair
@@ -44,8 +44,8 @@ def error_blocks(
 def error_blocks_of(
     alike: Sequence[PreparedRecord], parameters: Sequence[CircuitParameters]
 ) -> Iterator[tuple[slice, Float[np.ndarray, "circuits samples"]]]:
-    """The errors of several circuits that differ in their tables alone, each on the one record with
-    an OCV of its own, at once."""
+    """The errors of several circuits that differ only in their tables, each on the record with its
+    own OCV, at once."""
     from .intervals import sized
 
     circuits = [one.laddered() for one in parameters]
@@ -76,8 +76,8 @@ def error_blocks_of(
 
 
 def _as_tabulated(prepared: PreparedRecord, circuit: CircuitParameters) -> PreparedRecord:
-    """The record with what the circuit has of its own beside resistances: OCV, hysteresis, and what
-    its resistances follow."""
+    """The record with the circuit's properties other than resistances: OCV, hysteresis, and
+    resistance law."""
     prepared = prepared.following(circuit.dependence)
     source_v, amplitude_v = prepared.source_v, prepared.hysteresis_amplitude_v
     if OCV_CORRECTION in circuit.tables:

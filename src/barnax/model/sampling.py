@@ -1,8 +1,8 @@
-"""What a circuit would be if a logger sampled the current otherwise, by the closed form.
+"""The circuit that would be identified if a logger sampled the current differently, in closed form.
 
-On an even clock a pair R, tau answers in its sample by R w and is one of R q under a current that
-flows after it; with a = exp(-T / tau), w is 0 and q is 1 there, 1 - a and a under one that flowed
-before it; between these where it is a share of both.
+On an even clock, a pair R, tau responds in its sample by R w and looks like R q under a current
+that flows after the sample. With a = exp(-T / tau), w is 0 and q is 1 in that case, 1 - a and a
+under a current that flowed before the sample; and in between if it is a share of both.
 """
 
 import math
@@ -19,25 +19,27 @@ from .exponentials import AT_ONCE
 from .prepared import PreparedRecord
 from .reference import simulate_circuit
 
-# A pair that leaves less of itself after a sample is not seen under a current that flowed before.
+# A pair that leaves less than this share of its response after a sample is invisible under a
+# current that flowed before.
 GONE = 0.02
 # A pair faster than this is part of R0, however fast the log.
 FASTEST_TAU_S = 2.0
-# Of the voltage step at a current step, R0 is at least this share: what a sampling interval lets
-# pairs add is less, even of a minute.
+# R0 is at least this share of the voltage step at a current step: the contribution of pairs within
+# a sampling interval is less, even with a minute.
 LEAST_SHARE = 1 / 3
-# Circuits fitted with the other sampling have moved R0 by up to so much more than the closed form.
+# Circuits fitted with the other sampling have moved R0 by up to this share more than the closed
+# form.
 SHORT = 0.15
 
 
 def other_sampling(sampling: str) -> Hold:
-    """The sampling that is tried beside one that is assumed."""
+    """The alternative to an assumed sampling."""
     return "backward" if sampling == "forward" else "forward"
 
 
 def resampled_share(prepared: PreparedRecord) -> float | None:
     """The charge that the simulated part of a record would span with the other sampling, as a share
-    of what it does; None where its sampling is not only assumed."""
+    of the actual span; None if its sampling is not merely assumed."""
     record, hold = prepared.record, prepared.record.hold
     other = replace(record, hold=replace(hold, value=other_sampling(hold.value)))
     other_ah, span_ah = (np.ptp(one.discharged_ah[prepared.span]) for one in (other, record))
@@ -46,11 +48,12 @@ def resampled_share(prepared: PreparedRecord) -> float | None:
 
 @dataclass(frozen=True)
 class Resampling:
-    """The change of a circuit under the other sampling of the current, where one is only assumed.
+    """The change of a circuit under the other sampling of the current, if the sampling is merely
+    assumed.
 
     Attributes:
-        r0_ohm: By how much R0 would be more.
-        shares: By what share of itself the resistance of every RC pair would be more.
+        r0_ohm: Increase of R0.
+        shares: Relative increase of the resistance of every RC pair.
     """
 
     r0_ohm: float
@@ -58,22 +61,22 @@ class Resampling:
 
     @property
     def most_ohm(self) -> float:
-        """By how much R0 would be more at most: the closed form is of the first order."""
+        """The largest increase of R0: the closed form is first-order."""
         return (1 + SHORT) * self.r0_ohm
 
 
 def assumed_in(records: Sequence[PreparedRecord]) -> PreparedRecord | None:
-    """The first record whose sampling is only assumed."""
+    """The first record whose sampling is merely assumed."""
     assumed = (one for one in records if one.record.hold.strength == "assumed")
     return next(assumed, None)
 
 
 def least_r0_share(records: Sequence[PreparedRecord]) -> float:
-    """The least share of R0 that may be without a pair; 1 where the samples would show it.
+    """The least share of R0 that may be left without a pair; 1 if the samples would resolve it.
 
-    A pair that is over before the next sample answers to a current that flowed before its own as R0
-    does, unless it is so fast that it counts as R0 anyway. Under a current that is known to flow
-    after its sample, R0 answers before any pair.
+    A pair that ends before the next sample responds like R0 to a current that flowed before its
+    sample, unless it is so fast that it counts as R0 anyway. Under a current known to flow after
+    its sample, R0 responds before any pair.
     """
     for prepared in records:
         hold = prepared.record.hold
@@ -86,11 +89,11 @@ def least_r0_share(records: Sequence[PreparedRecord]) -> float:
 def resampling(
     records: Sequence[PreparedRecord], circuit: CircuitParameters, ohm: Mapping[str, float]
 ) -> Resampling | None:
-    """The change by the other sampling; None where that of all records is known.
+    """The change with the other sampling; None if that of all records is known.
 
     Args:
-        records: Those that the circuit was fitted to.
-        circuit: Its elements and time constants.
+        records: The records that the circuit was fitted to.
+        circuit: Elements and time constants.
         ohm: The resistance of every element by name.
     """
     prepared = assumed_in(records)
@@ -106,9 +109,9 @@ def resampling(
 def means_shifts_ohm(
     records: Sequence[PreparedRecord], circuit: CircuitParameters, ohm: Mapping[str, float]
 ) -> tuple[float, ...]:
-    """Possible errors of R0 where rows are taken for means, whose current is half that of the
-    interval before and half that of the one after: as it would be for a current that stood still in
-    each of them, to either side, for what it does in them is not known."""
+    """Possible errors of R0 if rows are taken for means, whose current is half that of the interval
+    before and half that of the one after: the change for a current that was constant in each of
+    them, in either direction, because its course within a row is unknown."""
     prepared = assumed_in(records) or records[0]
     sampling = prepared.record.hold.value
     if sampling != "centered":
@@ -124,17 +127,17 @@ def shift_ohm(
     ohm: Mapping[str, float],
     interval_s: float,
 ) -> float:
-    """By how much R0 would be another.
+    """The change of R0 in ohm between samplings.
 
     Args:
-        sampling: That with which the circuit was fitted.
-        other: Another, or "means": of a current that stood still in each row.
-        circuit: Its elements and time constants.
+        sampling: The sampling with which the circuit was fitted.
+        other: Another, or "means": of a current that was constant in each row.
+        circuit: Elements and time constants.
         ohm: The resistance of every element by name.
-        interval_s: That of the clock.
+        interval_s: Interval of the clock in s.
     """
     pairs = rungs_of(circuit.elements)
-    # Of a mixture, what is far faster than the sampling moves to R0 as a whole.
+    # For a mixture, pairs far faster than the sampling move to R0 as a whole.
     least = math.exp(-AT_ONCE) if all(pair.share == 1 for pair in pairs) else 0.5
     moved_ohm = 0.0
     for pair in pairs:
@@ -148,12 +151,12 @@ def shift_ohm(
 def source_shift_ohm(
     sampling: str, other: str, prepared: PreparedRecord, circuit: CircuitParameters
 ) -> float:
-    """By how much R0 would be another for what an interval's charge moves of the OCV and of a
-    hysteresis that follows it: a sample's current takes this out before it shows in the sample. It
-    is the regression of that voltage's steps on the current that flows meanwhile."""
+    """The change of R0 in ohm due to the OCV, and a hysteresis that depends on it, moving with the
+    charge of an interval: a sample's current removes that before it appears in the sample. It is
+    the regression of that voltage's steps on the current that flows meanwhile."""
     before = {"forward": 0.0, "centered": 1 - EARLIER_SHARE, "backward": 1.0}
     if prepared.hysteresis_amplitude_v is None:
-        # A hysteresis that switches with the current does so whatever flowed before.
+        # A hysteresis that switches with the current does so whatever current came before.
         source_v = prepared.cell.average_ocv_v(prepared.soc)
     else:
         still = {name: 1e-9 * np.asarray(circuit.tables[name]) for name in circuit.resistances}
@@ -168,21 +171,21 @@ def source_shift_ohm(
 def resistance_shares(
     sampling: str, other: str, circuit: CircuitParameters, interval_s: float
 ) -> dict[str, float]:
-    """By what share of itself the resistance of every RC pair would be more, under which it answers
-    alike in later samples. Not of elements of several pairs."""
+    """The relative increase of the resistance of every RC pair that gives the same response in
+    later samples. Elements of several pairs are omitted."""
     shares = {}
     for pair in rungs_of(circuit.elements):
         kept = math.exp(-interval_s / (circuit.tau_s[pair.element] * pair.ratio))
         first, others = (_answer(each, kept)[1] for each in (sampling, other))
-        # What is gone within a sample shows in no later one.
+        # A response that ends within a sample appears in no later one.
         if pair.share == 1 and others > GONE:
             shares[circuit.names[pair.element].resistance] = first / others - 1
     return shares
 
 
 def _answer(sampling: str, kept: float) -> tuple[float, float]:
-    """A pair's answer in its own sample, and what it is under a current that flows after it,
-    as shares of it; `kept` is what an interval leaves of it."""
+    """A pair's response in its own sample, and its apparent size under a current that flows after
+    it, as shares of it; `kept` is the share left after an interval."""
     if sampling == "centered":
         first = (1 - EARLIER_SHARE) * (1 - kept)
         return first, 1 - first

@@ -16,14 +16,14 @@ from ..cell.parameters import OHMIC, RATE
 from ..errors import LONGEST_NAME, InputError, cut, toml_reason
 from ..files import fetched
 
-# From a hysteresis that a whole discharge hardly turns to one that turns within a sample.
+# From a hysteresis that hardly turns in a full discharge to one that turns within a sample.
 RATE_RANGE = (1.0, 1e4)
-# Beyond these no cell is, and numbers under- and overflow; by unit.
+# No cell has values beyond these, and numbers would under- and overflow; by unit.
 ALLOWED = {"Ohm": (1e-9, 1e6), "s": (1e-6, 1e9), "F": (1e-6, 1e12), RATE: (1e-3, 1e6)}
-# The time that dotted names take to read grows with the square of their length.
+# Parsing dotted names takes a time that grows with the square of their length.
 LARGEST_FILE = 16_000
 Range = tuple[float, float]
-# Coordinates that are searched, and how errors are computed: from every sample, or a small factor.
+# The search coordinates, and the way errors are computed: from every sample, or a small factor.
 Scale = Literal["rc", "log"]
 SCALES: tuple[Scale, ...] = ("rc", "log")
 Kind = Literal["scan", "compressed"]
@@ -34,9 +34,9 @@ KINDS: tuple[Kind, ...] = ("scan", "compressed")
 class Bounds:
     """Lower and upper bound of R0, every element's R and its tau or its C, and of gamma.
 
-    `fixed` holds values that are not searched. Names are PyBaMM's, with their units. Where an RC
-    pair is bounded or fixed in C, its R C still stays within `tau_limits_s`: faster or slower than
-    that the record cannot show it.
+    `fixed` holds values that are not searched. Names are PyBaMM's, with their units. If an RC pair
+    is bounded or fixed in C, its R C still stays within `tau_limits_s`: the record cannot resolve
+    faster or slower pairs.
     """
 
     ranges: Mapping[str, Range]
@@ -54,12 +54,13 @@ class Bounds:
         elements: tuple[str, ...] = (RC.name,) * 2,
         has_rate: bool = False,
     ) -> "Bounds":
-        """0.1 to 200 mohm at 2 Ah, scaled to the capacity; tau from half an interval to all.
+        """0.1 to 200 mohm at 2 Ah, scaled to the capacity; tau from half an interval to the
+        duration.
 
-        `interval_s` is the median sampling interval, `duration_s` the scored duration: faster
-        or slower than these a time constant cannot be seen; of an element of several RC pairs that
-        is so of the slowest. All RC pairs share one box. The rate of a dynamic hysteresis,
-        `has_rate`, runs over `RATE_RANGE`.
+        `interval_s` is the median sampling interval, `duration_s` the scored duration: a time
+        constant outside these cannot be resolved; for an element of several RC pairs this applies
+        to the slowest. All RC pairs share one box. The rate of a dynamic hysteresis, `has_rate`,
+        has the range `RATE_RANGE`.
         """
         scale = 2.0 / capacity_ah
         resistance = (1e-4 * scale, 0.2 * scale)
@@ -82,11 +83,12 @@ class Bounds:
 
     @cached_property
     def resistances(self) -> tuple[str, ...]:
-        """Their names, R0 first."""
+        """The names of the resistances, R0 first."""
         return (OHMIC, *(element.resistance for element in self.element_names))
 
     def limits_s(self, index: int) -> Range:
-        """Time constants of an element whose slowest RC pair that counts the record can show."""
+        """Time constants of an element whose slowest RC pair that matters the record can
+        resolve."""
         low, high = self.tau_limits_s
         slowest = get_element(self.elements[index]).slowest_ratio
         return low / slowest, high / slowest
@@ -105,10 +107,10 @@ class Bounds:
     def with_changes(
         self, ranges: Mapping[str, Range], fixed: Mapping[str, float], source: str
     ) -> "Bounds":
-        """These bounds with the user's ranges and fixed values in place.
+        """These bounds with the user's ranges and fixed values applied.
 
-        Raises `InputError` for an unknown name, a range that is reversed or not positive, and
-        for both tau and C of one pair; `source` says where the change came from.
+        Raises `InputError` for an unknown name, a range that is reversed or not positive, and for
+        both tau and C of one pair; `source` names the origin of the change in messages.
         """
         for name in (*ranges, *fixed):
             if name not in self.names:
@@ -155,7 +157,7 @@ class Bounds:
         return box
 
     def _visible_resistances(self, names: ElementNames, source: str) -> Range:
-        """The resistances with which some allowed C gives a tau that can be seen."""
+        """The resistances with which some allowed C gives a tau that can be resolved."""
         resistance, _, capacitance = names
         (low, high), (low_f, high_f) = self.range_of(resistance), self.range_of(str(capacitance))
         low, high = max(low, self.tau_limits_s[0] / high_f), min(high, self.tau_limits_s[1] / low_f)
@@ -182,17 +184,17 @@ class Bounds:
         return pairs if len(boxes) == 1 else 0
 
     def second_name(self, index: int) -> str:
-        """The name that bounds or fixes element `index` beside its resistance."""
+        """The name that bounds or fixes element `index` in addition to its resistance."""
         _, tau, capacitance = self.element_names[index]
         return tau if tau in self.ranges or tau in self.fixed else str(capacitance)
 
     def range_of(self, name: str) -> Range:
-        """Least and greatest value of a parameter that is bounded or fixed."""
+        """Least and greatest value of a bounded or fixed parameter."""
         value = self.fixed.get(name)
         return self.ranges[name] if value is None else (value, value)
 
     def tau_range_s(self, pair: int) -> Range:
-        """Time constants of an element that some allowed R and C have."""
+        """Time constants of an element that some allowed R and C give."""
         resistance, tau, _ = self.element_names[pair]
         second = self.second_name(pair)
         if second == tau:
@@ -217,12 +219,12 @@ class Bounds:
                 c_low, c_high = self.range_of(capacitance)
                 low[pair + 1] = np.maximum(low[pair + 1], tau_s[pair] / c_high)
                 high[pair + 1] = np.minimum(high[pair + 1], tau_s[pair] / c_low)
-        # A fixed C leaves one value, which rounding may turn around.
+        # A fixed C leaves one value, whose ends rounding may reverse.
         return low, np.maximum(low, high)
 
 
 def _require_allowed(name: str, ends: Sequence[float], source: str) -> None:
-    """Raise `InputError` where a value is none of any cell."""
+    """Raise `InputError` if a value is impossible for any cell."""
     unit = name.rpartition("[")[2].rstrip("]")
     low, high = ALLOWED[unit]
     for value in ends:
@@ -236,13 +238,13 @@ def _require_allowed(name: str, ends: Sequence[float], source: str) -> None:
 def read_bounds(path: Path) -> dict[str, Range]:
     """Ranges from the `[bounds]` table of a TOML file: `"R0 [Ohm]" = [0.001, 0.1]`.
 
-    Raises `InputError` where the file cannot be read or says something else.
+    Raises `InputError` if the file cannot be read or contains anything else.
     """
     content = fetched(path, LARGEST_FILE, "; give `bounds` a TOML file")
     try:
         document = tomllib.loads(content.decode("utf-8"))
     except (ValueError, RecursionError) as problem:
-        # No TOML, no text, or an integer of more digits than Python turns into one.
+        # No TOML, no text, or an integer with more digits than Python converts.
         raise InputError(f"{path}: is not a TOML file ({toml_reason(problem)})") from problem
     table = document.get("bounds")
     if not isinstance(table, dict) or len(document) != 1:
@@ -264,14 +266,15 @@ def _range_of(value: object, index: str) -> Range:
         shown = cut(repr(value), LONGEST_NAME)
     except OverflowError as problem:
         raise InputError(f"{index} has a number that is too large") from problem
-    # Tables in tables are as deep as their names are long; digits may be too many to show.
+    # Nested tables are as deep as their names are long; there may be too many digits to print.
     except (ValueError, RecursionError):
         shown = f"a {type(value).__name__}"
     raise InputError(f"{index} must be two numbers, [lower, upper]; it is {shown}")
 
 
 def parse_fixed(texts: list[str]) -> dict[str, float]:
-    """Fixed values from options such as `C1 [F]=500`. Raises `InputError` where one is not so."""
+    """Fixed values from options such as `C1 [F]=500`. Raises `InputError` if one has another
+    form."""
     fixed = {}
     for text in texts:
         name, _, value = (part.strip() for part in text.partition("="))
@@ -287,7 +290,7 @@ def parse_fixed(texts: list[str]) -> dict[str, float]:
 
 
 class GivenRanges(NamedTuple):
-    """Ranges that were given, and where they come from, for messages."""
+    """Given ranges, and their origin for messages."""
 
     source: str
     by_name: Mapping[str, Range]

@@ -22,10 +22,10 @@ from .intervals import Intervals
 
 
 class RCParameters(eqx.Module):
-    """Ohmic resistance and elements in series; `tau` is each one's R times C, in seconds.
+    """Ohmic resistance and elements in series; `tau` is each element's R times C, in seconds.
 
     `gamma` is the rate of a dynamic hysteresis per unit of SOC, None for circuits without.
-    `elements` are names of the elements, none where all are RC pairs.
+    `elements` are names of the elements, empty if all are RC pairs.
     """
 
     r0: Scalar
@@ -36,7 +36,7 @@ class RCParameters(eqx.Module):
 
     @property
     def pairs(self) -> list[tuple[Scalar, Scalar]]:
-        """Resistance and time constant of every RC pair, those that elements consist of too."""
+        """Resistance and time constant of every RC pair, including those that make up elements."""
         elements = list(zip(self.r, self.tau, strict=True))
         if not self.elements:
             return elements
@@ -47,7 +47,7 @@ class RCParameters(eqx.Module):
 
 
 class AbstractEvaluator(eqx.Module):
-    """One objective, whichever way it is computed. `scored` is how many samples count."""
+    """One objective, however it is computed. `scored` is the number of scored samples."""
 
     scored: AbstractVar[Scalar]
 
@@ -68,7 +68,7 @@ class Joint(AbstractEvaluator):
 
     @classmethod
     def of(cls, parts: tuple[AbstractEvaluator, ...]) -> AbstractEvaluator:
-        """The only part where there is one, else all together."""
+        """The only part if there is one, otherwise all together."""
         if len(parts) == 1:
             return parts[0]
         return cls(sum((part.scored for part in parts[1:]), parts[0].scored), parts)
@@ -80,9 +80,9 @@ class Joint(AbstractEvaluator):
         return jnp.concatenate([part.errors(rc) for part in self.parts])
 
 
-# Samples to a turn of the loop, and candidates side by side in it at most: measured on CPU cores
-# for 1 to 900 candidates, half or twice as many of either are slower. Candidates are filled up to
-# whole registers of AVX-512, for those left over would be computed one by one.
+# Samples per turn of the loop, and the most candidates side by side in it: measured on CPU cores
+# for 1 to 900 candidates, half or twice as many of either are slower. Candidates are padded to
+# whole AVX-512 registers, because the remainder would be computed one by one.
 BLOCK = 8
 LANES = 256
 REGISTER = 8
@@ -90,10 +90,10 @@ UNROLL_STACKED = 4
 
 
 class HysteresisInput(eqx.Module):
-    """The input of a dynamic hysteresis state, and its worth in volts.
+    """The input of a dynamic hysteresis state, and its amplitude in V.
 
-    With the state's initial value inside the source, the rest of it is the answer of an RC pair
-    of 1 ohm to `hysteresis_input` on a clock that counts SOC instead of seconds, with the time
+    With the state's initial value included in the source, the remainder is the response of an RC
+    pair of 1 ohm to `hysteresis_input` on a clock that counts SOC instead of seconds, with the time
     constant 1 / gamma.
     """
 
@@ -106,10 +106,10 @@ class SimulationInput(AbstractEvaluator):
     """The input of one record to every candidate, at the simulated samples.
 
     `held_a` is the current that flows from a sample to the next, by the record's hold; the last
-    entry leads nowhere. `base_error_v` is the measured voltage minus the open-circuit voltage with
-    the model's hysteresis term: the error of a circuit without any impedance.
-    `weight` is 1 at scored samples, else 0, and None where all are; `scored` is how many are.
-    Discharge current is positive.
+    entry is unused. `base_error_v` is the measured voltage minus the open-circuit voltage with the
+    model's hysteresis term: the error of a circuit without any impedance. `weight` is 1 at scored
+    samples, else 0, and None if all are scored; `scored` is their number. Discharge current is
+    positive.
     """
 
     current_a: Float[Array, "samples"]
@@ -132,9 +132,9 @@ class SimulationInput(AbstractEvaluator):
 def overpotential(rc: RCParameters, inputs: SimulationInput) -> Float[Array, "samples"]:
     """Source minus terminal voltage at every sample, in V (Li et al., 2023, Eq. 2, 3).
 
-    Ohmic and polarization drop, less what a dynamic hysteresis adds. The recursion is exact
-    for current held constant between samples. All RC pairs start at rest. Derivatives cost one
-    more scan in all, not one a parameter.
+    Ohmic and polarization drop, less the contribution of a dynamic hysteresis. The recursion is
+    exact for current held constant between samples. All RC pairs start at rest. Derivatives cost
+    one more scan in all, not one per parameter.
     """
     drop_v = rc.r0 * inputs.current_a
     for r, tau in rc.pairs:
@@ -174,8 +174,8 @@ def respond(
 
 @unit_response.defjvp
 def _unit_response_jvp(primals, tangents):
-    # Only tau is ever differentiated. Its slope does not depend on the tangent, so a Jacobian
-    # over all parameters computes it once.
+    # Only tau is ever differentiated. Its slope does not depend on the tangent, so a Jacobian over
+    # all parameters computes it once.
     tau, held_a, intervals = primals
 
     def respond(tau):
@@ -226,7 +226,7 @@ class _Population:
         clock, hysteresis, amplitude_v = inputs.intervals, inputs.hysteresis, None
         self._r0 = rc.r0
         self._pairs = [Pair(tau, clock) for _, tau in rc.pairs]
-        # What each state adds to the error, by the state or by the state and the amplitude.
+        # The contribution of each state to the error, per state or per state and amplitude.
         self._slopes = [r * each.unit for (r, _), each in zip(rc.pairs, self._pairs, strict=True)]
         moving = [_clocked(inputs.held_a, clock)] * len(self._pairs)
         if hysteresis is not None and rc.gamma is not None:
@@ -240,7 +240,7 @@ class _Population:
     def squared_errors(self) -> Float[Array, "candidates"]:
         """The sums over all samples.
 
-        They are a carry of the scan: stacking the voltages first costs 4 to 40 times more.
+        The sums are a carry of the scan: stacking the voltages first costs 4 to 40 times more.
         """
 
         def turn(carry, first):
@@ -260,7 +260,7 @@ class _Population:
         return self._add(carry, rest, samples - whole)[1]
 
     def _add(self, carry: PyTree, samples: PyTree, count: int) -> PyTree:
-        """The states after so many samples, and the totals with their squared errors."""
+        """The states after `count` more samples, and the totals with their squared errors added."""
         states, total = carry
         for sample in range(count):
             moving, counting = jax.tree.map(lambda array, at=sample: array[at], samples)
@@ -276,7 +276,7 @@ class _Population:
         if amplitude_v is not None:
             added_v[-1] = amplitude_v * added_v[-1]
         error_v = sum(added_v, base_error_v + self._r0 * current_a)
-        # Weighted before it is squared: a weight of one then leaves every bit as it is.
+        # Weighted before squaring: a weight of one then leaves every bit unchanged.
         return error_v if weight is None else weight * error_v
 
 
@@ -289,7 +289,7 @@ class Pair:
     def __init__(self, tau: Scalar, intervals: Intervals):
         self._intervals = intervals
         self._rate = 1 / tau
-        # expm1 keeps 1 - exp(-interval / tau) exact where tau is far longer than the interval.
+        # expm1 keeps 1 - exp(-interval / tau) exact if tau is far longer than the interval.
         self._gain = -jnp.expm1(-jnp.multiply.outer(intervals.node_s, self._rate))
         self._decay = jnp.exp(-intervals.node_s[0] * self._rate)
         self._is_even = intervals.is_even and not intervals.has_offsets
@@ -302,7 +302,7 @@ class Pair:
         node: Int[Array, ""],
         offset_s: Scalar,
     ) -> Float[Array, "*channels"]:
-        """The state at the next sample: it goes the share 1 - exp(-interval / tau) of its way."""
+        """The state at the next sample: it covers the share 1 - exp(-interval / tau) of its way."""
         if self._is_even:
             return self._decay * state + held_a
         gain = self._gain[node]
@@ -312,7 +312,7 @@ class Pair:
         return state + gain * (held_a - state)
 
 
-# Of arrays alone: flattening a module took longer than the program. It is compiled by its caller.
+# Takes arrays only: flattening a module took longer than the program. Compiled by its caller.
 def respond_all(tau, state, held, node_s, node, offset_s, is_even: bool, has_offsets: bool):
     intervals = Intervals(node_s, node, offset_s, is_even, has_offsets)
     each = partial(respond, held=held, intervals=intervals)

@@ -18,27 +18,28 @@ from ..records.record import MINIMUM_REST_S, Segments, is_long
 from ..settings import SocSource
 from .window import Window, cell_at_rest, fitted_soc, mean_at_rest, relaxing_rest
 
-# A discharge ends empty after so long, at up to C/1.8, for many tests make it at C/2. The voltage
-# without R I is within 2 % of an end.
+# A discharge reaches empty after this time, at up to C/1.8, because many tests run at C/2. The
+# voltage without R I is within 2 % of an end.
 _EMPTY_HOURS, _AT_AN_END = 1.8, 0.02
-# A current so small leaves the voltage nearly that of rest.
+# A current this small leaves the voltage nearly at rest.
 _SMALL_HOURS = 20.0
-# How far the voltage at the start, without R I, may be from the OCV of what an end tells, or of a
-# SOC so near to it; and of what a counter tells, whose beginning no sample shows.
+# The largest distance of the voltage at the start, without R I, from the OCV at the SOC derived
+# from an end, or at a SOC this near to it; and at the SOC from a counter, whose zero no sample
+# confirms.
 _APART_V, _APART_SOC, _COUNTED_APART_V = 0.15, 0.02, 0.05
-# What is called full differs by less from one charge to the next.
+# The SOC called full differs by less than this from one charge to the next.
 _BEYOND_AN_END = 0.005
-# So near full or empty, the last current was the one that leads there.
+# This near full or empty, the last current was the one that leads there.
 NEAR_AN_END = 0.02
-# A given SOC is in doubt where the rested voltage is so far from its OCV, and tells another SOC.
+# A given SOC is doubtful if the rested voltage is this far from its OCV, and implies another SOC.
 DOUBTFUL_V, DOUBTFUL_SOC = 0.01, 0.02
-# Charge is counted within this share of it.
+# Relative standard deviation of counted charge.
 _COUNTED_SD = 0.02
-# A rested voltage so far above or below the OCV is not of this cell, or of another temperature.
+# A rested voltage this far above or below the OCV is from another cell, or another temperature.
 BEYOND_OCV_V = 0.005
 
-# How the direction before the start is known: given; from the load before it; from a start at full
-# or empty; because a fit with the other is worse; or not at all, whether or not that matters.
+# Source of the direction before the start: given; the load before it; a start at full or empty; a
+# worse fit with the other one; or none, whether or not it matters.
 DirectionSource = Literal[
     "given", "load before", "full or empty", "better fit", "without effect", "assumed"
 ]
@@ -46,12 +47,12 @@ DirectionSource = Literal[
 
 @dataclass(frozen=True)
 class Start:
-    """The state in which a simulation starts, and where that is known from.
+    """The state in which a simulation starts, and its sources.
 
-    `voltage_v` and `row` are those of the sample that the SOC comes from, at rest or at an end of
-    the state of charge; of a rest the voltage is its mean. `direction` is the last current before
-    the start, +1 charging, -1 discharging; where both were tried, the RMSE with the other is
-    `other_rmse_v`. `soc_sd` is the standard error of a SOC that voltages tell, by their noise.
+    `voltage_v` and `row` are those of the sample that the SOC comes from, at rest or at full or
+    empty; for a rest the voltage is its mean. `direction` is the last current before the start, +1
+    charging, -1 discharging; if both were tried, `other_rmse_v` is the RMSE with the other.
+    `soc_sd` is the standard error of a SOC derived from voltages, due to their noise.
     """
 
     soc: float
@@ -67,16 +68,15 @@ class Start:
 def find_start(
     record: Record, cell: CellModel, window: Window, capacity_ah: float, first: int, rest_a: float
 ) -> tuple[Start, float, list[Notice]]:
-    """The state at the start, the capacity that the record is counted over, and what speaks
+    """The state at the start, the capacity over which the record is counted, and the evidence
     against them.
 
-    Raises `InputError` where the SOC is neither given nor shown, nor told by the record as a whole.
-    A SOC that is given is that of the first row, or of the start where that is given too.
-    Between an end and the start the record may move more charge than the capacity has room for.
-    The end stays where the data show it: the record is counted over that charge, or, where its
-    capacity was given, starts beyond the other end.
-    A rested cell is on the OCV branch of the direction it comes from. Where it has not rested, the
-    SOC is carried to the start from where the record shows it.
+    Raises `InputError` if the SOC is neither given nor shown by a sample nor identifiable from the
+    whole record. A given SOC applies to the first row, or to the start if that is given too.
+    Between an end and the start the record may move more charge than the capacity. The end stays
+    where the data show it: the record is counted over that charge or, if its capacity was given,
+    starts beyond the other end. A rested cell is on the OCV branch of the direction it comes from.
+    If it has not rested, the SOC is carried to the start from where the record shows it.
     """
     begun = _Beginning(record, cell, window, capacity_ah, first, record.segments(rest_a))
     relaxed_at, rise_v = relaxing_rest(record, rest_a)
@@ -92,8 +92,8 @@ def find_start(
     elsewhere: DeterminedSoc | None = None
     notices: list[Notice] = []
     if window.initial_soc is None and (unrested or is_short):
-        # Of a record's opening rest nobody knows how long it was; counters tell more, and of one
-        # that still relaxes whatever does.
+        # The length of a record's opening rest before the first row is unknown; counters are more
+        # reliable, and if the rest still relaxes, so is any other source.
         only = not (unrested or is_relaxing)
         elsewhere = begun.determined_soc(only_counters=only)
         if only and elsewhere is not None and begun.denies(voltage_v, sd_v, elsewhere.soc):
@@ -140,8 +140,8 @@ def find_start(
 
 
 class DeterminedSoc(NamedTuple):
-    """The state of charge at one sample, how it is known, and where: at the sample `sample`, by
-    whose voltage it has the standard error `soc_sd`."""
+    """The state of charge at one sample, its source, and the index `sample`, whose voltage gives it
+    the standard error `soc_sd`."""
 
     soc: float
     source: SocSource
@@ -167,11 +167,11 @@ class _Beginning:
     def determined_soc(self, *, only_counters: bool) -> DeterminedSoc | None:
         """The state of charge at the start, carried by ampere-hours from where it is known.
 
-        The nearest full or empty end counts before the voltage of a full cell there, that before
-        the tester's counters, which may have begun at an end, and those before the nearest long
-        rest. None where nothing tells, or the voltage denies it.
+        The nearest full or empty end is preferred to the voltage of a full cell at the start, that
+        to the tester's counters, which may have begun at an end, and those to the nearest long
+        rest. None if there is no source, or the voltage contradicts it.
         """
-        # A flat OCV neither confirms what counters say nor tells the charge at a rest.
+        # A flat OCV neither confirms the counters nor gives the SOC at a rest.
         is_flat = self.cell.has_flat_ocv
         witnesses = [] if only_counters else [self._ends(), self._full_voltage()]
         witnesses += [] if is_flat else [self._counted()]
@@ -188,7 +188,7 @@ class _Beginning:
 
     def _is_likely(self, determined: DeterminedSoc) -> bool:
         apart_v = _COUNTED_APART_V if determined.source == "counters" else _APART_V
-        # Near empty 1 % SOC, lost between two testers, is worth hundreds of mV.
+        # Near empty, 1 % SOC lost between two testers is hundreds of mV.
         low_v, high_v = self.cell.average_ocv_v(
             determined.soc + np.array([-_APART_SOC, _APART_SOC])
         )
@@ -212,7 +212,7 @@ class _Beginning:
                     yield DeterminedSoc(0.0, "empty end", last)
 
     def _full_voltage(self) -> Iterator[DeterminedSoc]:
-        """The start, at the voltage of a full cell."""
+        """The start, if it is at the voltage of a full cell."""
         full_v = self.cell.average_ocv_v(np.array([1 - _AT_AN_END]))[0]
         is_small = abs(self.record.current_a[self.first]) <= self.capacity_ah / _SMALL_HOURS
         is_measured = self.cell.soc_range[1] >= 1 - _AT_AN_END
@@ -220,7 +220,8 @@ class _Beginning:
             yield DeterminedSoc(1.0, "full voltage", self.first)
 
     def _counted(self) -> Iterator[DeterminedSoc]:
-        """The first sample, were the tester's counters at zero when the cell was full or empty."""
+        """The first sample, assuming that the tester's counters were at zero when the cell was full
+        or empty."""
         counted_ah = self.record.charge_ah
         begun_ah = 0.0 if counted_ah is None else float(counted_ah[0])
         soc = (1.0 if begun_ah > 0 else 0.0) - begun_ah / self.capacity_ah
@@ -228,7 +229,7 @@ class _Beginning:
             yield DeterminedSoc(soc, "counters", 0)
 
     def rest_socs(self) -> Iterator[DeterminedSoc]:
-        """The last samples of rests that are long enough, and come after a load."""
+        """The last samples of rests that are long enough and come after a load."""
         for first, last, rest_s in self.segments.rests:
             if first and is_long(rest_s):
                 direction = -1 if self.record.current_a[first - 1] > 0 else 1
@@ -237,8 +238,8 @@ class _Beginning:
                     yield DeterminedSoc(rest[0], "rest elsewhere", last, rest[1])
 
     def rested(self, at: int, direction: int) -> tuple[float, float]:
-        """The SOC that the rest around a sample tells, and its standard error. Raises `InputError`
-        where that is beyond the OCV."""
+        """The SOC given by the rest around a sample, and its standard error. Raises `InputError` if
+        it is beyond the OCV."""
         rest = cell_at_rest(self.segments, self.cell, at, direction)
         if rest is None:
             beyond = self.cell.beyond_ocv(mean_at_rest(self.segments, at)[0], direction)
@@ -246,19 +247,20 @@ class _Beginning:
         return rest
 
     def direction_before(self, at: int) -> tuple[Literal[-1, 1], DirectionSource]:
-        """The last current before a sample; where there is none, the given one or a guess."""
+        """The last current before a sample; if there is none, the given direction or an
+        assumption."""
         # The current of a sample flows before it only under a backward hold.
         before = at if self.record.hold.value == "backward" else at - 1
         if at > 0 and (last := self.segments.directions(0)[before]):
             return -1 if last < 0 else 1, "load before"
         if self.window.initial_direction is not None:
             return self.window.initial_direction, "given"
-        # Of a record that starts under load nothing is known but the load.
+        # For a record that starts under load, only the load is known.
         return -1 if self.record.current_a[at] >= self.segments.rest_a else 1, "assumed"
 
     @cached_property
     def unrested(self) -> Notice | None:
-        """The reason why the voltage at the start tells no state of charge; None where it does."""
+        """The reason why the voltage at the start gives no state of charge; None if it does."""
         record, first, is_rested = self.record, self.first, self.segments.is_rested
         about = {"start_row": int(record.row[first])}
         if not is_rested[first]:
@@ -266,7 +268,7 @@ class _Beginning:
             return Notice("start.unrested", about, record.name)
         before = self.segments.loaded[self.segments.loaded < first]
         rest_s = record.time_s[first] - record.time_s[before[-1]] if len(before) else 0.0
-        # One sample without current, at the beginning of a record, is no rest.
+        # A single sample without current at the beginning of a record is no rest.
         if (len(before) or (first == 0 and not is_rested[1])) and not is_long(rest_s):
             rests_s = {"rest_s": rest_s, "needed_s": MINIMUM_REST_S}
             return Notice("start.unrested", {**about, **rests_s}, record.name)
@@ -284,17 +286,17 @@ class _Beginning:
 
     @property
     def counted_soc(self) -> float:
-        """The charge counted from where a SOC was given, the first row unless the start is given
-        too, to the start of the simulation, as SOC."""
+        """The charge, as SOC, from the point to which a given SOC applies (the first row unless the
+        start is given too) to the start of the simulation."""
         is_moved = self.window.start_time_s is None and self.window.start_after_step is None
         return float(self.discharged_ah[self.first]) / self.capacity_ah if is_moved else 0.0
 
     def denies(self, voltage_v: float, sd_v: float, soc: float, soc_sd: float = 0.0) -> bool:
-        """True where a rested voltage lies off both branches at a SOC, by voltage and by SOC."""
+        """True if a rested voltage is off both branches at a SOC, in voltage and in SOC."""
         doubtful_v, doubtful_soc = DOUBTFUL_V + 3 * sd_v, DOUBTFUL_SOC + 3 * soc_sd
         ends = [self.cell.soc_at_rest(voltage_v, way) for way in (-1, 1)]
         branch_socs = [soc for soc in ends if soc is not None]
-        # Where one tells none, the voltage is far from where that branch ends.
+        # If a branch gives no SOC, the voltage is far from its end.
         if len(branch_socs) < 2 or _is_within(soc, branch_socs, doubtful_soc):
             return False
         branches = self.cell.discharge, self.cell.charge
@@ -302,7 +304,7 @@ class _Beginning:
         return not _is_within(voltage_v, expected_v, doubtful_v)
 
     def beyond_ocv(self, start: Start, sd_v: float) -> Iterator[Notice]:
-        """A warning where the rested voltage at the start lies beyond the OCV."""
+        """A warning if the rested voltage at the start lies beyond the OCV."""
         branch = self.cell.charge if start.direction > 0 else self.cell.discharge
         low_v, high_v = branch(np.array(self.cell.soc_range)).tolist()
         beyond_v = max(start.voltage_v - high_v, low_v - start.voltage_v)
@@ -312,9 +314,9 @@ class _Beginning:
             yield Notice("start.beyond-ocv", {**where, **ends}, self.record.name)
 
     def denied_by_rest(self, at: int) -> Iterator[Notice]:
-        """A warning where the rest around a sample contradicts the SOC that was given."""
+        """A warning if the rest around a sample contradicts the given SOC."""
         record, first = self.record, self.first
-        # What other records of the cell made of it is no doubt of what was given.
+        # Registration on other records of the cell casts no doubt on the given SOC.
         window = self.window.unregistered
         if self.cell.ocv_is_fitted or window.initial_soc is None:
             return
@@ -336,7 +338,7 @@ def _is_within(value: float, ends: Sequence[float], margin: float) -> bool:
 
 
 def require_whole_log(record: Record, records: Sequence[Record], unknown: InputError) -> None:
-    """Raise `InputError` where a record, whose start is not known, is one log with others."""
+    """Raise `InputError` if a record with an unknown start is one log with others."""
     log = [record]
     while before := next((other for other in records if goes_on(other, log[0])), None):
         log.insert(0, before)

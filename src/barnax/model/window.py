@@ -1,9 +1,9 @@
-"""The part of a record that is simulated, its temperature, where errors count, and the SOC that
-voltages tell: of a cell at rest, and at the start of a record under load.
+"""The simulated part of a record, its temperature, the samples where errors count, and the SOC from
+voltages: of a cell at rest, and at the start of a record under load.
 
-Under load v = U(s0 - q / C) - sum R_k x_k, with q the charge since the start and x_k the current,
-and what RC pairs of fixed time constants make of it. For every s0 the resistances are non-negative
-least squares, which leaves one unknown.
+Under load v = U(s0 - q / C) - sum R_k x_k, with q the charge since the start and x_k the current
+and its low-pass by RC pairs with fixed time constants. For every s0 the resistances are
+non-negative least squares, which leaves one unknown.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,20 +26,21 @@ from ..settings import Window
 
 # Scored samples may leave the range of the OCV points by this much SOC; a branch is constant there.
 OCV_MARGIN = 0.05
-# Leaving it by less is rounding; and by less than full charges of one cell differ, only a note.
+# An excess below the first is rounding; below the difference between full charges of one cell, only
+# a note.
 NO_MARGIN, SAME_FULL = 1e-4, 0.01
-# A voltage so far inside the OCV, R I left out, is of no cell that is full or empty.
+# No cell with a voltage this far inside the OCV, without R I, is full or empty.
 _INSIDE_V = 0.1
-# Samples, beside one, whose median is the voltage at an end of a rest.
+# Samples, plus one, whose median is the voltage at an end of a rest.
 _FEW = 10
 
 
-# What says where a simulation starts: one such option of the user's replaces all planned ones.
+# Options that set where a simulation starts: any one from the user replaces all planned ones.
 START = ("start_time_s", "start_after_step", "initial_soc")
 
 
 def merged(planned: Window, chosen: Window) -> Window:
-    """A planned window with what was chosen in its place."""
+    """A planned window with the user's choices applied."""
     given = {
         field.name: value
         for field in fields(Window)
@@ -48,7 +49,7 @@ def merged(planned: Window, chosen: Window) -> Window:
     if given.keys() & {"start_time_s", "start_after_step"}:
         given = {**dict.fromkeys((*START, "initial_direction")), **given}
     if given.keys() & {"initial_soc", "capacity_ah"}:
-        # What is registered goes with the start and the capacity that it was registered from.
+        # A registration is valid only with the start and the capacity from which it was computed.
         planned = planned.unregistered
     if "initial_soc" in given:
         given = {"soc_source": None, **given}
@@ -58,8 +59,8 @@ def merged(planned: Window, chosen: Window) -> Window:
 def temperature_of(
     record: Record, window: Window, samples: slice | Int[np.ndarray, "_"] = slice(None)
 ) -> float | None:
-    """The temperature given for a record in degC, else the median of those measured, else that in
-    its name, if any."""
+    """The temperature given for a record in degC, else the median of the measured ones, else that
+    in its name, if any."""
     given_degc = window.temperature_degc
     return record.usual_degc(samples) if given_degc is None else given_degc
 
@@ -71,8 +72,8 @@ Windows = Window | Mapping[str, Window] | None
 def group_tests(
     tests: Sequence[Record | OcvTable], window: Windows
 ) -> dict[float, list[Record | OcvTable]]:
-    """OCV tests by temperature in degC; nothing where they are of one or of none that is known.
-    Raises `InputError` where one is of an unknown temperature beside others of several."""
+    """OCV tests by temperature in degC; empty if they have one temperature, or none is known.
+    Raises `InputError` if one has an unknown temperature while the others have several."""
     windows = window if isinstance(window, Mapping) else {}
 
     def degc_of(test: Record | OcvTable) -> float | None:
@@ -95,8 +96,8 @@ def group_tests(
 
 
 def first_sample(record: Record, window: Window, rest_a: float) -> int:
-    """Index of the sample where the simulation starts; currents below `rest_a` are none. Raises
-    `InputError` if there is none."""
+    """Index of the sample where the simulation starts; currents below `rest_a` count as zero.
+    Raises `InputError` if there is none."""
     if window.start_time_s is not None:
         after = np.flatnonzero(record.time_s >= window.start_time_s)
         if not len(after) or window.start_time_s < record.time_s[0]:
@@ -112,10 +113,10 @@ def first_sample(record: Record, window: Window, rest_a: float) -> int:
 
 
 def relaxing_rest(record: Record, rest_a: float) -> tuple[int, float]:
-    """The last sample of an opening rest in which the voltage relaxes, and by how much it rises in
-    V; zeros without one.
+    """The last sample of an opening rest in which the voltage relaxes, and its rise in V; zeros
+    without one.
 
-    The circuit starts relaxed, and the last sample of such a rest is the one nearest to that. A
+    The circuit starts relaxed, and the last sample of such a rest is closest to that state. A
     current that moves more than a thousandth of the capacity is no rest.
     """
     loaded = record.segments(rest_a).loaded
@@ -126,11 +127,11 @@ def relaxing_rest(record: Record, rest_a: float) -> tuple[int, float]:
     voltage_v = record.voltage_v[: last + 1]
     end_v = float(np.median(voltage_v[last - few :]))
     rise_v = end_v - float(np.median(voltage_v[: few + 1]))
-    # Of white noise the two medians are further apart once in millions.
+    # With white noise the two medians are further apart once in millions.
     noise_v = float(np.median(np.abs(np.diff(voltage_v)))) / np.sqrt(few + 1)
     if abs(rise_v) <= max(SETTLED_V, 10 * noise_v):
         return 0, 0.0
-    # The last row may hold the voltage of the load already.
+    # The last row may already contain the voltage under load.
     return last - int(abs(voltage_v[last] - end_v) > SETTLED_V), rise_v
 
 
@@ -164,11 +165,11 @@ def within_ocv(
     soc: Float[np.ndarray, "samples"],
     scored: Bool[np.ndarray, "samples"],
 ) -> tuple[Bool[np.ndarray, "samples"], list[Notice]]:
-    """The scored samples whose OCV is known, which are all unless some lie far beyond the OCV
-    points, and a notice of those beyond.
+    """The scored samples within the OCV, all of them unless some lie far beyond the OCV points, and
+    a notice of those beyond.
 
-    The notice is an error where the cell cannot be there: the voltage contradicts it, or the
-    charge goes beyond full or empty.
+    The notice is an error if the cell cannot be there: the voltage contradicts it, or the charge
+    goes beyond full or empty.
     """
     low, high = cell.soc_range
     beyond = np.maximum(low - soc, soc - high)
@@ -195,7 +196,7 @@ def within_ocv(
         given |= {"far_row": record.row[at], "soc": soc[at], "low_soc": low, "high_soc": high}
         return scored, [Notice("soc.beyond-ocv", given, record.name)]
     if any(point.source == record.name for point in cell.points):
-        # The correction of the OCV reaches a little beyond the last rest of a pulse test.
+        # The correction of the OCV extends a little beyond the last rest of a pulse test.
         outside = scored & (beyond > OCV_MARGIN)
         counts |= {"far": "own", "instead": "own"}
     elif cell.ocv_is_fitted:
@@ -205,7 +206,7 @@ def within_ocv(
 
 
 def _steps(record: Record, option: str, numbers: Sequence[int]) -> Bool[np.ndarray, "samples"]:
-    """The samples of some steps. Raises `InputError` where the record has not all of them."""
+    """The samples of the given steps. Raises `InputError` if the record lacks any of them."""
     if record.step is None:
         raise InputError(
             f"{record.name}: `{option}` needs a step column, and the file has none; use "
@@ -221,17 +222,17 @@ def _steps(record: Record, option: str, numbers: Sequence[int]) -> Bool[np.ndarr
 
 # No tester resolves less.
 LEAST_NOISE_V = 1e-4
-# The OCV's slope is a difference over so much SOC.
+# The OCV's slope is a difference over this step of SOC.
 _STEP_SOC = 0.01
-# A mean that moves by more standard errors, once in ten thousands of white noise, drifts.
+# A mean that moves by more standard errors, once in ten thousand for white noise, drifts.
 _DRIFTING = 4.0
 
 
 def cell_at_rest(
     segments: Segments, cell: CellModel, at: int, direction: int
 ) -> tuple[float, float] | None:
-    """The SOC that the rest around the sample `at` tells of a cell that came from a direction, and
-    its standard error by the noise; None where that is beyond the OCV."""
+    """The SOC from the rest around the sample `at`, for a cell that came from a direction, and its
+    standard error due to noise; None if it is beyond the OCV."""
     voltage_v, sd_v = mean_at_rest(segments, at)
     soc = cell.soc_at_rest(voltage_v, direction)
     if soc is None:
@@ -261,27 +262,27 @@ def mean_at_rest(segments: Segments, at: int) -> tuple[float, float]:
     return float(voltage_v[:count].mean()), noise_v / float(np.sqrt(count))
 
 
-# Time constants that stand for any circuit's, and samples that tell as much as all of them.
+# Time constants representative of any circuit, and enough samples for the fit.
 _TAUS_S, _SAMPLES = (5.0, 50.0, 500.0), 2000
 _TRIED_SOC = 101
-# The OCV of a slow sweep is so far from that of a drive, and a fit that leaves more is of another
-# cell.
+# Distance of the OCV of a slow sweep from that of a drive, and the largest RMSE of a fit: a larger
+# one means another cell.
 _OCV_SD_V, _LARGEST_V = 0.015, 0.05
-# A start that is known no better is not known.
+# A start with a larger standard error is not identified.
 _LARGEST_SD = 0.2
 
 
 def fitted_soc(
     record: Record, cell: CellModel, capacity_ah: float, first: int
 ) -> tuple[float, float] | None:
-    """The SOC at the sample `first` and its standard error; None where the record from there on
-    does not tell it."""
+    """The SOC at the sample `first` and its standard error; None if the record from there on does
+    not determine it."""
     discharged_ah = record.discharged_ah[first:]
     branch = cell.discharge if discharged_ah[-1] > discharged_ah[0] else cell.charge
     every = slice(None, None, 1 + len(discharged_ah) // _SAMPLES)
     moved = (discharged_ah - discharged_ah[0])[every] / capacity_ah
     voltage_v = record.voltage_v[first:][every]
-    # The current, and that through the resistors of relaxed RC pairs.
+    # The current, and the currents through the resistors of initially relaxed RC pairs.
     held_a = np.append(record.interval_current_a[first:], 0.0)
     drives_a = (lagged(held_a, tau_s, record.interval_s[first:]) for tau_s in _TAUS_S)
     columns = np.stack([record.current_a[first:], *drives_a], axis=1)[every]
@@ -303,11 +304,11 @@ def fitted_soc(
     soc: float = minimize_scalar(loss_v2, bounds=ends, method="bounded").x  # pyrefly: ignore
     error_v = errors_v(soc)
     slope_v = cell.ocv_slope(soc - moved)
-    # What resistances cannot make up for.
+    # The part of the slope that resistances cannot compensate.
     drop_v = slope_v - columns @ np.linalg.lstsq(columns, slope_v)[0]
     size_v2 = float(error_v @ error_v)
     alike = max(0.0, float(error_v[1:] @ error_v[:-1])) / max(size_v2, 1e-300)
-    # Neighbors that err alike are one sample.
+    # Neighboring samples with equal errors count as one.
     samples = len(moved) * max(1 - alike, 1 / len(moved)) / (1 + alike)
     variance_v2 = size_v2 / len(moved) / samples
     with np.errstate(divide="ignore"):

@@ -195,8 +195,8 @@ def shared_offset(
     prior: Float[np.ndarray, "records two"],
     registered_v: float,
 ) -> CurrentOffset | None:
-    """The offset of the current that records share; None where they do not tell one,
-    and where the current of one of them reads zero at rest.
+    """The offset of the current that records share; None if they do not tell one, and where the
+    current of one of them reads zero at rest.
 
     The offset of the current shared by the records; None if they do not determine one, or if the
     current of one of them reads zero at rest.

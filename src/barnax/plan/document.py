@@ -245,7 +245,7 @@ def plan_from_toml(path: str | Path) -> Plan:
 
 
 def _content(path: Path) -> dict[str, Any]:
-    """The content of a TOML file. Raises `InputError` where that cannot be read."""
+    """The content of a TOML file. Raises `InputError` if that cannot be read."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as problem:

@@ -178,7 +178,7 @@ def copies_of(files: Files, given: Files) -> dict[CandidateFile, Notice]:
 
 
 def plan_of_cells(draft: Draft) -> Plan | None:
-    """A plan that lists the cells of a folder and asks for one; None where they are of one cell.
+    """A plan that lists the cells of a folder and asks for one; None if they are of one cell.
 
     Folders that each hold a record, and the same OCV test, are of different cells.
     """

@@ -95,7 +95,7 @@ class CandidateFile:
 
     @cached_property
     def content(self) -> Record | OcvTable:
-        """Its record or table. Raises `InputError` where that cannot be read."""
+        """Its record or table. Raises `InputError` if that cannot be read."""
         return self.given or read_ocv_test(self.readable, **self.how)
 
     @property
@@ -105,7 +105,7 @@ class CandidateFile:
 
     @property
     def readable(self) -> Source:
-        """Its source. Raises `InputError` where nothing was read."""
+        """Its source. Raises `InputError` if nothing was read."""
         if self.source is None:
             raise self.refusal or InputError(f"{self.name}: was not read")
         return self.source
@@ -235,7 +235,7 @@ def _whole_logs(
 
 
 def _checked(file: CandidateFile) -> CandidateFile:
-    """A file that was read, with what the checks tell of it. Raises `InputError` where they cannot
+    """A file that was read, with what the checks tell of it. Raises `InputError` if they cannot
     look at it."""
     check = check_file(file.readable, rest_current_a=file.chosen.rest_current_a, **file.how)
     roles = {role.name: role for role in check.roles}

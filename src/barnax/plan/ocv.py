@@ -33,7 +33,7 @@ _SAME_COUNT, _PAUSE_S = 1e-3, 3600.0
 class OcvChoice:
     """The files that are the OCV test, and the cell that they show.
 
-    `capacity_ah` is what they need to be told; None where they tell it themselves.
+    `capacity_ah` is what they need to be told; None if they tell it themselves.
     """
 
     tests: tuple[CandidateFile, ...]
@@ -42,7 +42,7 @@ class OcvChoice:
 
     @classmethod
     def of(cls, tests: Files, capacity_ah: float | None) -> Self:
-        """The files with the cell that they show. Raises `InputError` where they show none."""
+        """The files with the cell that they show. Raises `InputError` if they show none."""
         cell = characterize([test.content for test in tests], capacity_ah=capacity_ah)
         return cls(tuple(tests), cell, capacity_ah)
 
@@ -164,7 +164,7 @@ class Started(NamedTuple):
 
 def started(files: Files, file: CandidateFile, choice: OcvChoice) -> Started:
     """The window of a record, with its start where another of the files ends that the record goes
-    on from if it does not show its own, and how that is known, in words. Raises `InputError` where
+    on from if it does not show its own, and how that is known, in words. Raises `InputError` if
     neither fits."""
     window = file.window
     prepared = attempt(_prepared, file, window, choice, window.initial_soc == 1.0)
@@ -194,8 +194,8 @@ def started(files: Files, file: CandidateFile, choice: OcvChoice) -> Started:
 def _prepared(
     file: CandidateFile, window: Window, choice: OcvChoice, is_full: bool = False
 ) -> PreparedRecord:
-    """A record made ready to be simulated, as one that starts full or not. Raises `InputError`
-    where it cannot be."""
+    """A record made ready to be simulated, as one that starts full or not. Raises `InputError` if
+    it cannot be."""
     capacity_ah = record_capacity_ah(file, window, choice, is_full)
     counted = replace(window, capacity_ah=capacity_ah)
     return prepare_record(file.record, choice.cell, "so-rc", counted)
@@ -216,7 +216,7 @@ def _goes_on(before: CandidateFile, file: CandidateFile, choice: OcvChoice) -> b
 
 
 def _final_soc(files: Files, file: CandidateFile, choice: OcvChoice) -> float:
-    """The state of charge at the end of a file. Raises `InputError` where neither it nor the one
+    """The state of charge at the end of a file. Raises `InputError` if neither it nor the one
     before it shows that."""
     prepared = _prepared(file, started(files, file, choice).window, choice)
     return float(f"{prepared.soc[-1]:.{DIGITS}g}")

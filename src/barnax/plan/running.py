@@ -129,7 +129,7 @@ def with_whole_paths(made: Plan, inputs: Sequence[InputPart]) -> Plan:
 def planned(made: Plan, job: Asked) -> Asked:
     """The job that a plan is; what was chosen in `job` replaces what the plan has.
 
-    Raises `InputError` where a test is missing.
+    Raises `InputError` if a test is missing.
     """
     if made.missing:
         raise InputError("\n".join([made.missing, *made.lines]))
@@ -168,7 +168,7 @@ def _source(part: FileRole, reading: Reading) -> Any:
 def prepare_pulse_tests(job: Asked) -> Asked:
     """The job of `identify` for pulse tests, as `barnax.hppc` describes.
 
-    Raises `InputError` where a record has no pulses.
+    Raises `InputError` if a record has no pulses.
     """
     chosen, cell = windows_by_name(job.window), None
     with job.watch("Finding pulses", 0):
@@ -195,7 +195,7 @@ def prepare_pulse_tests(job: Asked) -> Asked:
 
 
 def _pulse_test(record: Record) -> Record:
-    """The record. Raises `InputError` where it has no pulses."""
+    """The record. Raises `InputError` if it has no pulses."""
     require_voltages([record])
     if first_pulse(record) is None:
         raise InputError(

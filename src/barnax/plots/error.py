@@ -44,7 +44,7 @@ def plot_error(evaluations: "Evaluation | Mapping[str, Evaluation]") -> Figure:
 
     Many rows have a strip each, left over time, right over SOC, as in Fig. 11 and 13 of Li et al.
     (2023), on the scale of the rows within three times the lowest RMSE; of more than ten rows the
-    ten with the lowest RMSE are drawn. Raises `ValueError` where they are on different samples.
+    ten with the lowest RMSE are drawn. Raises `ValueError` if they are on different samples.
 
     Args:
         evaluations: A record's evaluation, or those of rows on one record, by label.

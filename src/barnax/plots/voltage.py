@@ -56,7 +56,7 @@ class Clock:
 class Rows:
     """The circuits drawn on one record: of the rows given, `most` with the lowest RMSE.
 
-    One evaluation is a row too. Raises `ValueError` where there is nothing to draw, or not the same
+    One evaluation is a row too. Raises `ValueError` if there is nothing to draw, or not the same
     samples in every row.
 
     Attributes:
@@ -136,11 +136,11 @@ def worst_stretch(error_v: Samples, scored: Bool[np.ndarray, "samples"]) -> slic
 def plot_voltage(evaluations: "Evaluation | Mapping[str, Evaluation]") -> Figure:
     """Voltage over time, measured and simulated by one circuit or by many, above the current.
 
-    Time is on the record's own clock, in seconds below two hours. Samples that do not count
-    towards the metrics are shaded. At the right the framed stretch, magnified: the one with the
-    largest RMSE of the best row; records under 100 scored samples go without. Of more than
-    eight rows the eight with the lowest RMSE are drawn, and the title says so. Many rows are as
-    Fig. 10 and 12 of Li et al. (2023). Raises `ValueError` where they are on different samples.
+    Time is on the record's own clock, in seconds below two hours. Samples that do not count towards
+    the metrics are shaded. At the right the framed stretch, magnified: the one with the largest
+    RMSE of the best row; records under 100 scored samples go without. Of more than eight rows the
+    eight with the lowest RMSE are drawn, and the title says so. Many rows are as Fig. 10 and 12 of
+    Li et al. (2023). Raises `ValueError` if they are on different samples.
 
     Args:
         evaluations: A record's evaluation, or those of rows on one record, by label.

@@ -34,8 +34,8 @@ from .policy import Gain, Policy
 
 
 class Fitted(NamedTuple):
-    """A point of the family, its best parameters, and its held-out errors by block; None where
-    nothing can be held out."""
+    """A point of the family, its best parameters, and its held-out errors by block; None if nothing
+    can be held out."""
 
     point: Point
     objective: TableObjective
@@ -75,7 +75,7 @@ class Tried:
 
     @property
     def kept(self) -> bool:
-        """True where it took that one's place."""
+        """True if it took that one's place."""
         return self.outcome == "kept"
 
 
@@ -235,7 +235,7 @@ class Bench:
         return bool(np.ptp(soc) >= self.policy.least_span_soc)
 
     def _best_of(self, chosen: Fitted, richer: Iterable[tuple[Ladder, Fitted]]) -> Fitted | None:
-        """The one of some richer circuits that lowers the loss most; None where none is better."""
+        """The one of some richer circuits that lowers the loss most; None if none is better."""
         best, best_gain, index = None, 0.0, 0
         for ladder, more in richer:
             gain = self._gain(chosen, more)

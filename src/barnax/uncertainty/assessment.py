@@ -33,7 +33,7 @@ MAX_TEMPERATURES = 8
 
 @dataclass(frozen=True)
 class Band:
-    """Residuals of the samples from `low` to `high`, None where there is no end.
+    """Residuals of the samples from `low` to `high`, None if there is no end.
 
     Of SOC these are fractions, of the current C-rates (discharge positive, the band at rest spans
     zero), of temperature degC. `mean_v` is measured minus simulated, `share` their part of

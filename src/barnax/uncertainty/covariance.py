@@ -105,8 +105,8 @@ def linearize(
     """The errors of a circuit of the box and their derivatives, always by the scan.
 
     A parameter at a bound is held there, for the bound decides its value, unless it is `freed`; so
-    is one that no scored sample depends on. Raises `InputError` where an error or a derivative is
-    no number that can be squared.
+    is one that no scored sample depends on. Raises `InputError` if an error or a derivative is no
+    number that can be squared.
     """
     from ..model.problem import errors_and_slopes, point_blocks
     from ..search.seeds import at_bound

@@ -42,8 +42,8 @@ class Undetermined:
     - "direction": parameters that can change at once, by `log_steps` of their logarithms, within
       one standard error.
 
-    `combined` is what is determined of them all the same, None where nothing is. `interval_s` is
-    the sampling interval, `duration_s` the record's scored duration.
+    `combined` is what is determined of them all the same, None if nothing is. `interval_s` is the
+    sampling interval, `duration_s` the record's scored duration.
     """
 
     kind: UndeterminedKind

@@ -26,7 +26,7 @@ REACH = 2.0
 class ParameterProfile:
     """The smallest RMSE for every one of some values of one parameter, the others refitted.
 
-    The interval holds the values whose RMSE is not above `threshold_v`; an end is None where the
+    The interval holds the values whose RMSE is not above `threshold_v`; an end is None if the
     profile does not rise to it inside the box.
     """
 
@@ -128,7 +128,7 @@ def profile(
 
 
 def _crossing(root: dict[float, float], wanted: float) -> float | None:
-    """The step at which the profile rises to the threshold, None where it does not.
+    """The step at which the profile rises to the threshold, None if it does not.
 
     The root of the rise is all but linear in the step, and is what is interpolated.
     """

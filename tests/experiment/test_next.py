@@ -95,13 +95,13 @@ def test_a_table_left_open_is_answered_with_a_test(result):
         replace(each, standard_error=each.value) if each.name == "R2 [Ohm]" else each
         for each in result.fit.intervals
     )
-    assert not next_step(result).designs
+    assert next_step(result).command != "design"
     opened_result = with_fit(result, intervals=opened)
     step = next_step(opened_result)
-    assert step.designs
+    assert step.command == "design"
     assert "R2" in step.advice
     # What predicts another record as well as that needs no R2 told better.
-    assert next_step(validated(opened_result, 1e-3)).exports == "pybamm"
+    assert next_step(validated(opened_result, 1e-3)).options == {"to": "pybamm"}
 
 
 def validated(result, rmse_v):
@@ -117,7 +117,7 @@ def validated(result, rmse_v):
 def test_a_record_that_is_predicted_badly_is_answered_with_more_data(result, times, is_bad):
     step = next_step(validated(result, times * result.metrics.identification.rmse_above_10_soc_v))
     # The advice is another record, not a test to design.
-    assert not step.designs
+    assert step.command != "design"
     assert step.advice.startswith("identify on validation.parquet too") is is_bad
 
 

@@ -11,9 +11,8 @@ from barnax.bundled import BUNDLED
 from barnax.errors import InputError, as_keys
 from barnax.fleet import FleetCell, read_manifest
 from barnax.fleet.dataset import in_shard, parse_shard
-from barnax.fleet.rows import identify_rows
+from barnax.fleet.rows import identify_rows, reasons_against
 from barnax.records.readers import content as bytes_of
-from barnax.reporting.fleet import problem_lines
 
 ROWS = [
     {"id": "007", "record": "a*.csv", "capacity": 2.0, "age": 10, "circuit": "so-rc"},
@@ -172,12 +171,18 @@ PROBLEMS = [
 ]
 
 
+def reasons_in(cells):
+    """The mistakes in cells' files and options, as a dry run lists them."""
+    pairs = ((cell, reason) for cell in cells for reason in reasons_against(cell, {}))
+    return [f"{cell.id}: {as_keys(reason)}" for cell, reason in pairs]
+
+
 def test_a_dry_run_lists_all_that_is_wrong_and_a_run_names_the_first(tmp_path):
     path = tmp_path / "worse.csv"
     path.write_text(WORSE.format(BUNDLED.record, BUNDLED.ocv[0]))
     problems = []
     cells, _ = read_manifest(path, problems=problems)
-    lines = [*map(as_keys, problems), *problem_lines(cells, {})]
+    lines = [*map(as_keys, problems), *reasons_in(cells)]
     assert len(lines) == len(PROBLEMS)
     for text in PROBLEMS:
         assert sum(text in line for line in lines) == 1, text
@@ -196,10 +201,10 @@ def test_the_manifest_of_the_case_has_six_problems(real_data, tmp_path):
     (tmp_path / case.name).write_bytes(case.read_bytes())
     problems = []
     cells, _ = read_manifest(tmp_path / case.name, problems=problems)
-    assert len([*problems, *problem_lines(cells, {})]) == 6
+    assert len([*problems, *reasons_in(cells)]) == 6
 
 
 def test_a_validation_window_that_cannot_be_is_named_with_its_cell():
     cells = [FleetCell("a", validate_window={"initial_soc": 95.0})]
-    (line,) = problem_lines(cells, {})
+    (line,) = reasons_in(cells)
     assert line.startswith("a: initial_soc 95.0 is not a fraction")

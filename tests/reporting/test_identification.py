@@ -145,7 +145,7 @@ def test_constants_that_validate_better_than_tables_are_named(constant_v):
     is_worse = constant_v < 0.008
     assert sentences("verdict.surpassed", View(result)) == ((surpassed,) if is_worse else ())
     assert not sentences("verdict.surpassed", View(STORED))
-    assert next_step(result).options == ({"model": "1rc"} if is_worse else {})
+    assert next_step(result).options == ({"model": "1rc"} if is_worse else {"to": "pybamm"})
 
 
 def test_records_identified_together_stand_one_by_one_and_as_a_whole(joint):

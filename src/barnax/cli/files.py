@@ -12,7 +12,7 @@ import typer
 import barnax
 
 from .. import reporting
-from ..errors import InputError, printable, require_positive
+from ..errors import InputError, attempt, printable, require_positive
 from ..settings import Reading
 from .options import Given, options_of
 from .output import add_file, require_free_file, tell_unfinished, write_file
@@ -63,27 +63,24 @@ def check(
         require_positive(name, value, unit)
     how, wording = Reading(**read), reporting.wording.wording
     chosen = {"capacity_ah": capacity, "rest_current_a": rest_current}
-    checks, unreadable = [], []
-    listed: list[dict[str, Any]] = []
-
-    def refuse(path: Path, problem: InputError) -> None:
-        unreadable.append(str(problem))
-        listed.append({"file": printable(path.name), "unreadable": printable(str(problem))})
-
-    each: list[Path] = []
+    outcomes: dict[Path, Any] = {}
     for given in files:
-        try:
-            each += files_of([given])
-        except InputError as problem:
-            refuse(given, problem)
-    require_records(how.lags_s, {name_of(path) for path in (*files, *each)})
-    for file in each:
-        try:
+        paths = attempt(files_of, [given])
+        outcomes |= {given: paths} if isinstance(paths, InputError) else dict.fromkeys(paths)
+    require_records(how.lags_s, {name_of(path) for path in (*files, *outcomes)})
+
+    def look(file: Path) -> "barnax.FileCheck":
+        source = read_source(file, **how.of_tables)
+        return barnax.check_file(source, **chosen, **how.of_record(source.name))
+
+    refusals, checks, listed = list[str](), [], list[dict[str, Any]]()
+    for file, check in outcomes.items():
+        if check is None:
             with session.watch(f"Looking at {file.name}"):
-                source = read_source(file, **how.of_tables)
-                check = barnax.check_file(source, **chosen, **how.of_record(source.name))
-        except InputError as problem:
-            refuse(file, problem)
+                check = attempt(look, file)
+        if isinstance(check, InputError):
+            refusals.append(str(check))
+            listed.append({"file": printable(file.name), "unreadable": printable(str(check))})
             continue
         checks.append(check)
         listed.append(check.to_dict())
@@ -94,9 +91,9 @@ def check(
     if as_json:
         document = {"schema_version": SCHEMA_VERSION, "files": listed}
         typer.echo(json.dumps(document, indent=1, ensure_ascii=False))
-    session.show([wording("decisions.counts", checks, len(unreadable))])
-    if unreadable:
-        raise InputError("\n".join(unreadable))
+    session.show([wording("decisions.counts", checks, len(refusals))])
+    if refusals:
+        raise InputError("\n".join(refusals))
     if not all(check.is_clean for check in checks):
         raise typer.Exit(FINDINGS)
 

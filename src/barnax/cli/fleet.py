@@ -4,7 +4,7 @@
 import io
 import signal
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
@@ -91,66 +91,58 @@ def fleet(
             resistance at 50 % SOC.
         quiet (--quiet -q): Print nothing but warnings.
     """
-    session, wording = Session(is_quiet=quiet), reporting.wording.wording
-    from ..fleet.engine import identify_fleet, prepare_process
-    from ..fleet.manifest import read_manifest
-
-    where = manifest or fleet
-    if where is None or (manifest and fleet):
+    session, folder, origin = (
+        Session(is_quiet=quiet),
+        located(out),
+        located(manifest or fleet or ""),
+    )
+    if bool(manifest) == bool(fleet):
         raise InputError("give a manifest, or the folder of a fleet with `from`")
-    folder, origin = located(out), located(where)
-    lines = list[str]()
+    problems = list[str]()
     if manifest:
+        from ..fleet.manifest import read_manifest
+
         # What a row leaves empty; paths in a manifest are relative to it.
         defaults = {**files, **{name: values[-1] for name, values in of_records.items()}}
         for name in {"ocv", "validate"} & files.keys():
             defaults[name] = [path.absolute() for path in files[name]]
         defaults |= {"bounds": bounds and bounds.absolute(), "cell": cell and cell.absolute()}
-        problems = lines if dry_run else None
-        cells, carried = read_manifest(where, defaults, addresses or (), problems)
+        listed = problems if dry_run else None
+        cells, carried = read_manifest(manifest, defaults, addresses or (), listed)
     elif origin.resolve() == folder.resolve():
         raise InputError(f"{folder}: is the fleet that is regrouped; give `out` another folder")
     else:
         from ..fleet.dataset import regrouped
 
-        columns = tuple(name.strip() for name in group.split(","))
-        cells, carried = regrouped(where, columns), columns
-    records = sum(len(one.records) for one in cells)
-    there = f"{counted(len(cells), 'row')}, {counted(records, 'record')}"
-    session.note(f"{there}; copied to the dataset: {', '.join(carried)}" if carried else there)
+        carried = tuple(name.strip() for name in group.split(","))
+        cells = regrouped(origin, carried)
+    records = counted(sum(len(one.records) for one in cells), "record")
+    copied = f"; copied to the dataset: {', '.join(carried)}" if carried else ""
+    session.note(f"{counted(len(cells), 'row')}, {records}{copied}")
+    stored = {"keep_results": keep_results, "keep_factors": keep_factors, "ageing": ageing}
+    settings = {"seeds": 0, "trust": trust, **options_of_job(search)}
+    settings |= {name: value for name, value in stored.items() if value}
+    from ..fleet.engine import identify_fleet, prepare_process
+
     prepare_process()
     # Loads JAX, which no exception may stop.
+    from ..fleet.dataset import FACTORS, RESULTS, parse_shard
     from ..fleet.rows import job_of
 
-    kept = {"keep_results": keep_results, "keep_factors": keep_factors, "ageing": ageing}
-    settings = {"seeds": 0, "trust": trust, **options_of_job(search)}
-    settings |= {name: value for name, value in kept.items() if value}
     _ = job_of(settings)
     if dry_run:
-        lines = list(map(as_keys, lines))
-        with session.watch("Checking", len(cells)) as advance:
-            for one in cells:
-                lines += reporting.fleet.problem_lines([one], settings)
-                advance(1)
-        session.show(map(shown, lines[:MAX_LISTED]))
-        if lines:
-            raise InputError(f"{origin}: {counted(len(lines), 'problem')} to correct")
-        return
-    from ..fleet.dataset import FACTORS, RESULTS, parse_shard
-
+        return _print_problems(session, cells, settings, problems, origin)
     require_platform()
-    page = folder / "report.html"
-    written = [page, *[folder / RESULTS] * keep_results, *[folder / FACTORS] * bool(keep_factors)]
     # A shard's have its number in their names.
     if not (any(folder.glob("cells*.parquet")) or any(folder.glob("parts*"))):
-        for path in written:
-            if path.exists():
-                raise InputError(f"{path}: is of no fleet; give `out` another folder")
-    started_s = time.perf_counter()
+        for name in ("report.html", RESULTS * keep_results, FACTORS * bool(keep_factors)):
+            if name and (folder / name).exists():
+                raise InputError(f"{folder / name}: is of no fleet; give `out` another folder")
+    begun_s, wording = time.perf_counter(), reporting.wording.wording
     with session.watch("Identifying", len(cells)) as update, _ended_from_within():
 
         def report(state: "Progress") -> None:
-            remark = wording("fleet.progress", state, time.perf_counter() - started_s)
+            remark = wording("fleet.progress", state, time.perf_counter() - begun_s)
             update(completed=state.finished + state.skipped, remark=shown(remark))
 
         part = parse_shard(shard) if shard else None
@@ -167,11 +159,29 @@ def fleet(
     if shard:
         lines += [wording("fleet.of_shard", shard), str(folder)]
     else:
-        is_old = not page.exists() or changed_ns(page) < changed_ns(origin)
         with session.watch("Writing the report"):
-            lines.append(_summed_up(cells, settings, folder, write=is_old or state.finished > 0))
+            lines.append(_summed_up(cells, settings, folder, origin, is_new=state.finished > 0))
         lines.append(f"{folder}/report.html   cells.parquet")
     session.show(shown(as_flags(line)) for line in lines)
+
+
+def _print_problems(
+    session: Session,
+    cells: "Sequence[FleetCell]",
+    settings: dict[str, Any],
+    problems: list[str],
+    origin: Path,
+) -> None:
+    """Print the mistakes in a manifest and in its files. Raises `InputError` if any are."""
+    from ..fleet.rows import reasons_against
+
+    with session.watch("Checking", len(cells)) as advance:
+        for cell in cells:
+            problems += [f"{cell.id}: {reason}" for reason in reasons_against(cell, settings)]
+            advance(1)
+    session.show(shown(as_keys(line)) for line in problems[:MAX_LISTED])
+    if problems:
+        raise InputError(f"{origin}: {counted(len(problems), 'problem')} to correct")
 
 
 @contextmanager
@@ -192,32 +202,31 @@ def _ended_from_within() -> Iterator[None]:
 
 
 def _summed_up(
-    cells: "list[FleetCell]", settings: dict[str, Any], out: Path, *, write: bool
+    cells: "Sequence[FleetCell]", settings: dict[str, Any], out: Path, origin: Path, is_new: bool
 ) -> str:
-    """The report's sentence, and in the folder itself where something is new in it; fits that
-    cannot be repeated are not drawn."""
+    """The report's sentence, and in the folder itself where something is new in it or in its
+    origin; fits that cannot be repeated are not drawn."""
     from ..fleet.rows import identified
     from ..fleet.summary import read_fleet, summarize
 
-    by_id = {cell.id: cell for cell in cells}
+    by_id, page = {cell.id: cell for cell in cells}, out / "report.html"
     rows = read_fleet(out, by_id)
     summary = summarize(rows)
-    sentence = as_keys(reporting.wording.wording("fleet.closing", summary))
-    if not write:
-        return sentence
-    worst = {}
-    for name, _ in summary.worst:
-        with suppress(InputError, KeyError):
-            alone = replace(by_id[name], validate=())
-            # All cells of a pack would be identified again.
+    if is_new or not page.exists() or changed_ns(page) < changed_ns(origin):
+        worst = {}
+        # All cells of a pack would be identified again.
+        for alone in (by_id[name] for name, _ in summary.worst if name in by_id):
             if "pack_cells" not in alone.options:
-                result, _ = identified(alone, settings | {"trust": "none"})
-                worst[name] = result.without_tables().evaluations.identification[0]
-    drawn = reporting.fleet.fleet_illustrations(rows, worst)
-    document = reporting.fleet.fleet_document(summary, drawn)
-    with replacing(out / "report.html") as file:
-        file.write(reporting.render.to_html(document.with_option_names(as_keys)).encode())
-    return sentence
+                with suppress(InputError):
+                    cell = replace(alone, validate=())
+                    result, _ = identified(cell, settings | {"trust": "none"})
+                    evaluations = result.without_tables().evaluations
+                    worst[alone.id] = evaluations.identification[0]
+        drawn = reporting.fleet.fleet_illustrations(rows, worst)
+        document = reporting.fleet.fleet_document(summary, drawn)
+        with replacing(page) as file:
+            file.write(reporting.render.to_html(document.with_option_names(as_keys)).encode())
+    return as_keys(reporting.wording.wording("fleet.closing", summary))
 
 
 def life(

@@ -204,15 +204,13 @@ def _next(
 
     step, folder = reporting.first_screen.next_step(result), run.folder
     advice = as_flags(step.advice)
-    if step.exports and folder is not None:
-        return advice, shlex.join(["barnax", "export", str(folder), "--to", step.exports])
-    if step.designs and folder is not None:
-        return advice, shlex.join(["barnax", "design", str(folder)])
     if step.also and (words := _with_record(plan, step.also)):
         return advice, new_run(*words)
-    if not step.options:
-        return advice, ""
     words = [word for name, value in step.options.items() for word in (flag_of(name), value)]
+    if step.command != "identify" and folder is not None:
+        return advice, shlex.join(["barnax", step.command, str(folder), *words])
+    if step.command != "identify" or not words:
+        return advice, ""
     if any(part.path == STDIN or part.path.is_relative_to("/dev") for part in plan.parts):
         return f"{advice}: {shlex.join(words)}, with what was piped saved as a file", ""
     if folder is None or PLAN not in run.written:

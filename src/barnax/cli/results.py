@@ -13,7 +13,6 @@ import barnax
 
 from .. import reporting
 from ..errors import InputError, attempt
-from ..notices import Notice
 from ..settings import Reading, Window
 from .options import Given, group, options_of, windows_of
 from .output import RESULTS, Output, add_file, drawn_files, page_of, require_free_file, write_file
@@ -78,23 +77,20 @@ def show(*, results: list[Path], whole: bool = False, choice: bool = False) -> N
         whole (--all): Print every decision, table and warning.
         choice: Show how the circuit was chosen, and no more.
     """
-    session, warnings = Session(is_quiet=False), list[Notice]()
+    session = Session(is_quiet=False)
     if len(results) > 1:
-        document = barnax.show(*results, names=_names(results)).document
-    else:
-        stored = barnax.Result.load(results[0])
-        if choice and not stored.tried:
-            raise InputError(f"{results[0]}: its circuit was asked for, so none was chosen")
-        document_of = reporting.first_screen.first_screen
-        if choice:
-            document_of = reporting.identification.choice_document
-        elif whole:
-            document_of = reporting.identification.identification_document
-        else:
-            warnings += stored.warnings
-        document = document_of(stored)
-    session.show_document(document)
-    session.warn(warnings)
+        return session.show_document(barnax.show(*results, names=_names(results)).document)
+    stored = barnax.Result.load(results[0])
+    if choice and not stored.tried:
+        raise InputError(f"{results[0]}: its circuit was asked for, so none was chosen")
+    if choice:
+        return session.show_document(
+            reporting.wording.document("chosen", view=reporting.view.View(stored))
+        )
+    if whole:
+        return session.show_document(reporting.identification.identification_document(stored))
+    session.show_document(reporting.first_screen.first_screen(stored))
+    session.warn(stored.warnings)
 
 
 def _names(paths: list[Path]) -> tuple[str, ...]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from ..cell.circuits import Circuit, get_circuit
 from ..cell.curves import MISS_TOLERANCE_V, PolynomialCurve
@@ -37,14 +37,13 @@ WIDE, FEW = 0.5, 1 / 3
 
 @dataclass(frozen=True)
 class Next:
-    """The next step: options to run again with, a record to identify on `also`, an export of this
-    result to a format, or a test designed from it."""
+    """The next step: a command on this result, or another run, with options, or with a record to
+    identify on `also`."""
 
     advice: str
     options: Mapping[str, str] = field(default_factory=dict)
     also: str = ""
-    exports: str = ""
-    designs: bool = False
+    command: Literal["identify", "export", "design"] = "identify"
 
 
 def next_step(result: "Result") -> Next:
@@ -91,11 +90,11 @@ def next_step(result: "Result") -> Next:
         return Next("take the constants, which validate better", {"model": result.constant.model})
     wide = _wide(view)
     if wide and unseen and unseen.error_v > SMALL_V:
-        return Next(f"measure what is missing: {wide}", designs=True)
+        return Next(f"measure what is missing: {wide}", command="design")
     circuit = get_circuit(result.model)
     if result.over:
         what, target = _export(circuit)
-        return Next(wording("next.export", what, result.fits), exports=target)
+        return Next(wording("next.export", what, result.fits), {"to": target}, command="export")
     if not result.tried and alike(circuit.elements) < len(circuit.elements):
         return Next("try tables over SOC of this circuit too", {"over": "soc"})
     if not result.tried:

@@ -2,11 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import polars as pl
 
-from ..errors import as_keys
 from ..files import csv_text
 from .document import Page, Picture
 from .view import View
@@ -14,7 +13,6 @@ from .wording import document
 from .words import gathered, millivolt
 
 if TYPE_CHECKING:
-    from ..fleet import FleetCell
     from ..fleet.summary import Summary
     from ..pack import Pack
     from ..search.evaluate import Evaluation
@@ -50,17 +48,6 @@ def fleet_document(summary: "Summary", illustrations: Sequence[Picture] = ()) ->
 
     facts = {"fleet": summary, "outlying": OUTLYING, "most": MOST_ROWS}
     return document("fleet_page", illustrations, **facts)
-
-
-def problem_lines(cells: "Sequence[FleetCell]", settings: Mapping[str, Any]) -> list[str]:
-    """Mistakes in a manifest and in its files, one a line."""
-    from ..fleet.rows import reasons_against
-
-    return [
-        f"{cell.id}: {as_keys(reason)}"
-        for cell in cells
-        for reason in reasons_against(cell, settings)
-    ]
 
 
 # With more cells than this, the screen shows only those that stand out.

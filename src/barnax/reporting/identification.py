@@ -35,11 +35,6 @@ def identification_document(
     return document("report", illustrations, view=View(result), **facts)
 
 
-def choice_document(result: Result) -> Page:
-    """How the circuit of a result was chosen."""
-    return document("chosen", view=View(result))
-
-
 def search_boxes(searched: "Mapping[str, ConstantPart | ModelPart]") -> list[tuple[Any, ...]]:
     """Every search box: the names of each range, the values that are held, and its models."""
     alike = gathered(

@@ -1,1 +1,1 @@
-"""The best circuit there is in a box: a grid, a polish and a proof."""
+"""The best circuit in a box: a grid, a polish and a proof."""

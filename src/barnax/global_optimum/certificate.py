@@ -1,8 +1,9 @@
-"""A proof that no circuit of a box fits much better: what bounds the errors of many boxes at once.
+"""A proof that no circuit in a box fits much better: lower bounds of the errors of many boxes at
+once.
 
 With y any unit vector, |e| >= y.e for the error e of every circuit. Over a box of time constants
 that is at least y.base plus, for R0 and for each axis, the least of r y.phi over the resistances
-and the scales u of the box: numbers, since each phi varies along one axis only. Along it y.phi(u)
+and the scales u of the box: numbers, because each phi varies along one axis only. Along it y.phi(u)
 is the parabola through three scales up to a remainder that the third derivative bounds.
 """
 
@@ -27,11 +28,11 @@ from .proof import (
     prove,
 )
 
-# Boxes an axis to begin with, and how many are looked at at a time.
+# Initial boxes per axis, and the number of boxes examined at a time.
 FIRST_BOXES = 8
 AT_ONCE = 2048
-# A proved gap up to the first is a certificate. It is made as narrow as the second where that
-# takes few boxes.
+# A proved gap up to the first is a certificate. It is narrowed to the second if that takes few
+# boxes.
 CERTIFIED_GAP = 1e-3
 NARROW_GAP = 1e-5
 FEW_BOXES = 4096
@@ -45,8 +46,8 @@ def certify(
 ) -> Proof[RefinedSeed]:
     """A bound on how far below the best known RMSE that of any circuit in the box could be.
 
-    It goes on to a gap of `NARROW_GAP`, or of `CERTIFIED_GAP` where the former needs more than
-    `FEW_BOXES` boxes, or until `max_boxes` have been looked at. A better circuit that is met is
+    Boxes are split to a gap of `NARROW_GAP`, or of `CERTIFIED_GAP` if the former needs more than
+    `FEW_BOXES` boxes, or until `max_boxes` have been examined. A better circuit met on the way is
     polished.
     """
     axes, alike = objective.axes, objective.interchangeable
@@ -73,10 +74,10 @@ def _bound(
     """A lower bound of the errors in a box, the axis to split it along, and scales of a better
     circuit if one is met.
 
-    The first y is the direction of the error at the middle of the box, with the resistances best
-    there. To first order that error has no slope in free resistances, but what y.phi loses over
-    the box would let them grow to their limits; so the second y is the direction of an error
-    with just so much slope in them.
+    The first y is the direction of the error at the middle of the box, with the best resistances
+    there. To first order that error has no slope in free resistances, but the loss of y.phi over
+    the box would let them grow to their limits; so the second y is the direction of an error with
+    just enough slope in them.
     """
     sides = [*map(_AxisEnds.of, objective.axes, np.moveaxis(boxes, 1, 0), objective.remainders)]
     low, middle, high = (np.stack([side.log_scales[end] for side in sides]) for end in range(3))
@@ -96,8 +97,8 @@ def _bound(
     if at_middle_v[best] < best_v * (1 - NARROW_GAP) - ABSOLUTE_V:
         better = tuple(middle[:, best].tolist())
 
-    # A little more slope than needed leaves free resistances at their lower limits, which cost
-    # far less than the upper ones.
+    # A little more slope than needed leaves free resistances at their lower limits, which cost far
+    # less than the upper ones.
     tilted = least_in_boxes(normal, gradient - 1.05 * at_middle_v * loss, *box)
     errors_v = errors_of(columns, base, tilted)
     tilted_v, loss = _dual(errors_v, base, columns[0], sides, allowed)
@@ -134,14 +135,14 @@ class _AxisEnds:
     def least(
         self, direction: Columns
     ) -> tuple[Float[np.ndarray, "boxes"], Float[np.ndarray, "boxes"]]:
-        """A lower bound of y.phi in a box, and how far that is below its middle."""
+        """A lower bound of y.phi in a box, and its distance below the value at the middle."""
         below, middle, above = (dot(direction, responses) for responses in self.responses)
         least = lowest_of_parabola(below, middle, above) - self.remainder
         return least, middle - least
 
 
 def _dual(errors_v: Columns, base: Columns, current: Columns, sides, allowed):
-    """The bound that the direction of an error gives, and what y.phi loses over each box."""
+    """The bound from the direction of an error, and the loss of y.phi over each box."""
     size_v = np.linalg.norm(errors_v, axis=1)
     direction = errors_v / np.where(size_v > 0, size_v, 1.0)[:, None]
     ohmic = dot(direction, current)

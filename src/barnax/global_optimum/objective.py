@@ -1,4 +1,5 @@
-"""The problem for given time constants: linear in all else, solved exactly in its box."""
+"""The problem for given time constants: linear in all other parameters, solved exactly in its
+box."""
 
 import abc
 import math
@@ -28,11 +29,11 @@ from .proof import remainders
 if TYPE_CHECKING:
     from ..model.problem import Problem
 
-# By how much a logarithm is moved to see how a bound in F moves that of a resistance.
+# Step in a logarithm for the effect of a bound in F on that of a resistance.
 MOVED = 1e-4
-# A slope by the logarithm of a scale is of no account below this share of J.
+# A slope by the logarithm of a scale below this share of J counts as zero.
 FLAT = 1e-5
-# What makes equations of columns that are equal definite, relative: two pairs with one time
+# Relative addition that makes the equations of equal columns definite: two pairs with one time
 # constant share their resistance.
 SHARED = 1e-12
 
@@ -42,9 +43,9 @@ Box = tuple[Float[np.ndarray, "unknowns points"], Float[np.ndarray, "unknowns po
 
 @dataclass(frozen=True, eq=False)
 class Solution(Solved):
-    """The best tables at some scales: rows of R0, every pair's R, then what else is tabulated.
+    """The best tables at some scales: rows of R0, every pair's R, then the other tables.
 
-    `unknowns` are the same as the problem in a box has them, `error` is what they leave.
+    `unknowns` are those of the problem in a box, `error` is the remaining error.
     """
 
     values: tuple[Float[np.ndarray, "nodes"], ...]
@@ -55,8 +56,9 @@ class Solution(Solved):
 class LinearObjective(abc.ABC):
     """J = |base + A x|^2 + |penalty x|^2 of circuits whose unknowns x are in a box at given scales.
 
-    A has the columns of every table. Those of an axis change along it, `fixed_columns` are the
-    others, and what an axis adds to, by table. An axis without a table adds to the base error.
+    A has the columns of every table. Those of an axis change along it; `fixed_columns`, by table,
+    are the others and any constant part of an axis's table. An axis without a table adds to the
+    base error.
     """
 
     base: Any
@@ -64,7 +66,7 @@ class LinearObjective(abc.ABC):
     fixed_columns: Any
     # The rows whose squares are added to the mean squared error.
     penalty: Any
-    # What the diagonal of the equations is raised by, relative.
+    # Relative increase of the diagonal of the equations.
     shared = 0.0
 
     @property
@@ -99,7 +101,8 @@ class LinearObjective(abc.ABC):
     def solve(
         self, log_scales: LogScales, sides: Sides | None = None, exact: bool = False
     ) -> Solution:
-        """The best tables at some scales; `exact` takes the orthogonal factorization's digits."""
+        """The best tables at some scales; `exact` adds the digits of the orthogonal
+        factorization."""
         columns, base = self.columns(log_scales)
         low, high = (end[:, 0] for end in self.box_at(np.array(log_scales)[:, None]))
         normal = columns.T @ columns + self.penalty_normal
@@ -115,15 +118,15 @@ class LinearObjective(abc.ABC):
         return Solution(log_scales, sides, objective_v2, self.values_of(x), x, error)
 
     def least_v2(self, log_scales: Float[np.ndarray, "axes points"]) -> Float[np.ndarray, "points"]:
-        """The least J at many scales: of a constant circuit all at once, of tables, whose problems
-        are large, each from the active set of the one before."""
+        """The least J at many scales: for a constant circuit all at once; for tables, whose
+        problems are large, each from the active set of the one before."""
         if len(self.penalty_normal) > self.tables:
             objectives_v2, sides = np.empty(log_scales.shape[1]), None
             for index, scales in enumerate(log_scales.T.tolist()):
                 solution = self.solve(tuple(scales), sides)
                 objectives_v2[index], sides = solution.objective_v2, solution.sides
             return objectives_v2
-        # A point's vectors are those of few scales: their products are taken once.
+        # The points share few scales per axis: products of their vectors are computed once.
         first = np.zeros(log_scales.shape[1], int)
         vectors = {
             table: (column[None, :, 0], first) for table, column in self.fixed_columns.items()
@@ -141,13 +144,14 @@ class LinearObjective(abc.ABC):
         gram = np.array([[(one @ other.T)[at, to] for other, to in every] for one, at in every])
         normal = gram[:-1, :-1] + self.penalty_normal[:, :, None]
         x = least_in_boxes(normal, gram[-1, :-1], *self.box_at(log_scales))
-        # Of a fit to nine digits nothing but rounding is left, which may be below zero.
+        # For a fit to nine digits only rounding is left, which may be negative.
         whole = np.append(x, np.ones_like(x[:1]), axis=0)
         squares_v2 = np.maximum(np.einsum("ip,ijp,jp->p", whole, gram, whole), 0.0)
         return squares_v2 + np.sum((self.penalty @ x) ** 2, axis=0)
 
     def slope(self, best: Solution) -> Float[np.ndarray, "axes"]:
-        """The derivative of the least J by the scales: that at fixed unknowns, which are best."""
+        """The derivative of the least J by the scales: that at fixed unknowns, which are
+        optimal."""
         slopes = [
             axis.slopes_at(where) @ (np.ones(1) if axis.table is None else best.values[axis.table])
             for axis, where in zip(self.axes, best.log_scales, strict=True)
@@ -159,7 +163,7 @@ class LinearObjective(abc.ABC):
 class ConstantObjective(LinearObjective):
     """The columns of a circuit with constants, scaled so that sums of squares are mean squares.
 
-    The first `bounds.pairs` axes are the pairs', then gamma's where there is one.
+    The first `bounds.pairs` axes are the pairs', then gamma's if there is one.
     """
 
     base: Float[np.ndarray, "rows"]  # pyrefly: ignore
@@ -167,7 +171,7 @@ class ConstantObjective(LinearObjective):
     axes: tuple[Axis, ...]  # pyrefly: ignore
     bounds: Bounds
     prepared_records: tuple[PreparedRecord, ...]
-    # Number of the first axes that are of pairs with one box: only circuits with tau1 <= tau2 and
+    # Number of the first axes that are pairs with the same box: only circuits with tau1 <= tau2 and
     # so on are in it.
     interchangeable: int
     shared = SHARED
@@ -209,7 +213,7 @@ class ConstantObjective(LinearObjective):
 
     @cached_property
     def remainders(self) -> list[Float[np.ndarray, "2 _"]]:
-        """The allowance of a proof between the scales that it looks at."""
+        """The allowance of a proof between the scales that it evaluates."""
         return remainders(self.prepared_records, self.axes, (0.5,))
 
     def fixing(self, name: str, value: float) -> "ConstantObjective":
@@ -219,7 +223,7 @@ class ConstantObjective(LinearObjective):
             replace(axis, low=end, high=end) if axis.name == name else axis for axis in self.axes
         )
         if axes == self.axes:
-            # A capacitance bounds its resistance, beside the time constants that it had.
+            # A capacitance bounds its resistance, in addition to its previous time constants.
             others = {name, names_beside(name).tau} if name.startswith("C") else {name}
             ranges = {each: ends for each, ends in bounds.ranges.items() if each not in others}
             fixed = {each: held for each, held in bounds.fixed.items() if each not in others}
@@ -230,9 +234,9 @@ class ConstantObjective(LinearObjective):
         return self.bounds.resistance_box(np.exp(log_scales[: self.bounds.pairs]))
 
     def coefficient_box(self, log_scales: Float[np.ndarray, "axes points"]) -> Box:
-        """Least and greatest of what multiplies current and the axes' columns: R0, R1, ...
+        """Lowest and highest factor of the current and the axes' columns: R0, R1, ...
 
-        Gamma's column counts once.
+        Gamma's column has the factor one.
         """
         once = np.ones((len(log_scales) - self.bounds.pairs, log_scales.shape[1]))
         low, high = (np.concatenate([end, once]) for end in self.box_at(log_scales))
@@ -242,12 +246,12 @@ class ConstantObjective(LinearObjective):
         return tuple(x[:, None])
 
     def slope(self, best: Solution) -> Float[np.ndarray, "axes"]:
-        """The derivative of the least J by the scales: that at fixed resistances, and where one is
-        at a bound in F, what that bound moves."""
+        """The derivative of the least J by the scales: that at fixed resistances, plus the effect
+        of a bound in F on a resistance at it."""
         slopes, bounded = super().slope(best), np.flatnonzero(best.sides[1:]).tolist()
         if not bounded:
             return slopes
-        # A resistance's bound depends on its own time constant alone, so that all move at once.
+        # A resistance's bound depends on its own time constant alone, so all are moved at once.
         low, high = self.box_at(np.array(best.log_scales)[:, None] + np.array([MOVED, -MOVED]))
         above, below = np.where(best.sides < 0, low.T, high.T)
         for index in bounded:
@@ -256,7 +260,7 @@ class ConstantObjective(LinearObjective):
         return slopes
 
     def is_flat(self, best: Solution) -> bool:
-        """True at the end of a descent: no slope of account but into an end of an axis."""
+        """True at the end of a descent: no significant slope except into an end of an axis."""
         slopes = self.slope(best)
         into = [
             (scale <= axis.low and slope > 0) or (scale >= axis.high and slope < 0)

@@ -1,10 +1,10 @@
-"""Branch and bound over the logarithms of time constants: the queue of boxes, and what is left
-between the places that a proof looks at.
+"""Branch and bound over the logarithms of time constants: the queue of boxes, and the remainder
+between the points that a proof evaluates.
 
-A kernel bounds the error of every circuit of a box from below: `certificate.py` here that of
-constants, thousands of boxes at once, and that of `over_soc` tables, box by box. Boxes whose bound
-is too low are split, the lowest first. Along one scale every column is the parabola through the
-ends and the middle of a box, up to a remainder that its third derivative bounds.
+A kernel bounds the error of every circuit in a box from below: `certificate.py` here for constants,
+thousands of boxes at once, and that of `over_soc` for tables, box by box. Boxes whose bound is too
+low are split, the lowest first. Along one scale every column is the parabola through the ends and
+the middle of a box, up to a remainder that its third derivative bounds.
 """
 
 import itertools
@@ -21,20 +21,20 @@ from ..model.prepared import BLOCK, PreparedRecord
 
 # The compressed form agrees with the scan to the larger of these.
 RELATIVE, ABSOLUTE_V = 1e-9, 1e-12
-# Nothing measured comes near this: a smaller error counts as one of this size.
+# No measurement is this accurate: a smaller error counts as this.
 SMALLEST_RMSE_V = 1e-8
 
 Boxes = Float[np.ndarray, "boxes axes ends"]
-# Of some boxes, and how high a bound in V is enough: bounds, which axis to split each box along,
-# and the error of the best known by then.
+# From boxes and a bound in V that is enough: their bounds, the axis to split each box along, and
+# the error of the best circuit so far.
 Kernel = Callable[[Boxes, float], tuple[np.ndarray, np.ndarray, float]]
 Best = TypeVar("Best")
 
 
 @dataclass(frozen=True, eq=False)
 class Proof(Generic[Best]):
-    """Nothing in the box has an error below `lower_bound_v`; so many `boxes` of time constants were
-    needed to show it. `best` is the best known, or a better one met on the way."""
+    """No circuit in the box has an error below `lower_bound_v`; the proof took `boxes` boxes of
+    time constants. `best` is the best known circuit, or a better one met on the way."""
 
     lower_bound_v: float
     boxes: int
@@ -50,17 +50,17 @@ def prove(
     at_once: int,
     max_boxes: int,
 ) -> tuple[float, int]:
-    """A lower bound of the errors in the first boxes, and how many boxes that took.
+    """A lower bound of the errors in the first boxes, and the number of boxes examined.
 
-    It goes on until that is within a share of the best error, `gap_of` it after so many boxes, or
-    until `max_boxes` have been looked at, `at_once` at a time. The first axes, so many as are
-    `interchangeable`, are of pairs with one range.
+    Boxes are split until the bound is within a share of the best error, `gap_of` it after that many
+    boxes, or until `max_boxes` have been examined, `at_once` at a time. The first `interchangeable`
+    axes are pairs with the same range.
     """
     boxes, bounds_v, split = first[:0], np.zeros(0), np.zeros(0, int)
     taken, parents_v, seen = first, np.zeros(len(first)), 0
 
     def wanted() -> tuple[float, float]:
-        """The slack of a bound, and how high one is wanted with that."""
+        """The slack of a bound, and the bound required with it."""
         slack_v = max(RELATIVE * best_v, ABSOLUTE_V)
         return slack_v, best_v - gap_of(best_v, seen) * max(best_v, SMALLEST_RMSE_V) + slack_v
 
@@ -69,7 +69,7 @@ def prove(
         lower_v, axes, best_v = bound(taken, enough_v)
         seen += len(taken)
         slack_v, enough_v = wanted()
-        # What holds for a box holds for its halves.
+        # A bound for a box holds for its halves.
         bounds_v = np.concatenate([bounds_v, np.maximum(lower_v, parents_v)])
         order = np.argsort(bounds_v, kind="stable")
         boxes, split = np.concatenate([boxes, taken])[order], np.concatenate([split, axes])[order]
@@ -84,7 +84,7 @@ def prove(
 
 
 def first_boxes(axes: Sequence[Axis], counts: Sequence[int], interchangeable: int) -> Boxes:
-    """The whole box in so many parts an axis, one where nothing is to be chosen."""
+    """The whole box split into `counts` parts per axis, one for an axis of zero width."""
     edges = [
         np.linspace(axis.low, axis.high, 1 + (count if axis.high > axis.low else 1))
         for axis, count in zip(axes, counts, strict=True)
@@ -97,7 +97,7 @@ def first_boxes(axes: Sequence[Axis], counts: Sequence[int], interchangeable: in
 def _halves(
     boxes: Boxes, split: Int[np.ndarray, "boxes"], interchangeable: int
 ) -> tuple[Float[np.ndarray, "halves axes ends"], Int[np.ndarray, "halves"]]:
-    """The halves that can be in order, and which box each is of."""
+    """The halves that can be in order, and the box each belongs to."""
     rows = np.arange(len(boxes))
     middle = np.sum(boxes[rows, split], axis=1) / 2
     lower, upper = boxes.copy(), boxes.copy()
@@ -109,7 +109,7 @@ def _halves(
 
 
 def _are_in_order(boxes: Boxes, interchangeable: int) -> Bool[np.ndarray, "boxes"]:
-    """True for boxes with scales of interchangeable pairs that rise."""
+    """True for boxes in which the scales of interchangeable pairs can be in rising order."""
     count = max(interchangeable, 1)
     first, second = boxes[:, : count - 1], boxes[:, 1:count]
     rises = (first[..., 0] < second[..., 1]) | np.all(first == second, axis=2)
@@ -121,7 +121,7 @@ def _are_in_order(boxes: Boxes, interchangeable: int) -> Bool[np.ndarray, "boxes
 # at most this times the current's at some time earlier.
 THIRD_DERIVATIVE = 1.78302
 # Error of the parabola through the ends and the middle of an interval, in (half width)^3 times the
-# largest third derivative; and how it can add up errors of the three values.
+# largest third derivative; and the largest factor by which it adds up errors of the three values.
 PARABOLA = 1 / (9 * 3**0.5)
 LEBESGUE = 1.25
 
@@ -129,7 +129,8 @@ LEBESGUE = 1.25
 def beyond_parabola(
     derivatives: Float[np.ndarray, "2 width"], half_width: Float[np.ndarray, "*boxes"] | float
 ) -> Float[np.ndarray, "_"]:
-    """A bound on any unit y times a column minus the parabola, given its `remainders`."""
+    """A bound on any unit y times the difference of a column from the parabola, given its
+    `remainders`."""
     third, error = derivatives
     return PARABOLA * third * half_width**3 + LEBESGUE * error
 
@@ -148,7 +149,7 @@ def lowest_of_parabola(
 def remainders(
     prepared_records: Sequence[PreparedRecord], axes: Sequence[Axis], nodes: Sequence[float]
 ) -> list[Float[np.ndarray, "2 _"]]:
-    """Of each axis's columns: bounds on the RMS of their third derivative by the scale, and on
+    """For each axis's columns: bounds on the RMS of their third derivative by the scale, and on
     that of their own error."""
 
     def shares_of_current(part: PreparedRecord) -> Float[np.ndarray, "samples nodes"]:
@@ -167,7 +168,7 @@ def remainders(
                     return part.scored[:, None] * measured_v[:, None]
                 return part.scored[:, None] * hats(part.soc, nodes)
 
-            # What moves the hysteresis is at most 2, from one direction to the other.
+            # The input of the hysteresis is at most 2, from one direction to the other.
             largest, rms = (2 * bound for bound in _largest_and_rms(prepared_records, amplitude))
         of_axes.append(np.array([THIRD_DERIVATIVE * rms, axis.span.error * largest]))
     return of_axes
@@ -177,7 +178,7 @@ def _largest_and_rms(
     prepared_records: Sequence[PreparedRecord],
     signals: Callable[[PreparedRecord], Float[np.ndarray, "samples signals"]],
 ) -> tuple[Float[np.ndarray, "signals"], Float[np.ndarray, "signals"]]:
-    """The largest magnitudes of signals, and the roots of their squares for each scored sample."""
+    """The largest magnitudes of signals, and their root mean squares over the scored samples."""
     largest, squares, scored = np.zeros(1), np.zeros(1), 0
     for prepared in prepared_records:
         for part in prepared.parts(BLOCK):
@@ -192,10 +193,11 @@ def earlier_rms(
     prepared_records: Sequence[PreparedRecord],
     signals: Callable[[PreparedRecord], Float[np.ndarray, "samples signals"]],
 ) -> Float[np.ndarray, "signals"]:
-    """Bounds on the RMS of signals, such as the current, some time before the scored samples.
+    """Bounds on the RMS of signals, such as the current, at any fixed time before the scored
+    samples.
 
-    A signal is held from a sample to the next. An interval counts as often as samples can be that
-    time after it: as many as any run of its length holds.
+    A signal is held from a sample to the next. An interval counts as often as samples can lie at
+    that time after it: at most as many as any window of its length contains.
     """
     squares, scored = np.zeros(1), 0
     for prepared in prepared_records:
@@ -215,7 +217,7 @@ def earlier_rms(
 
 
 def _most_within(time_s: Float[np.ndarray, "samples"], length_s: float) -> int:
-    """The most samples that a half-open run of that length holds."""
+    """The most samples that a half-open window of that length contains."""
     return max(
         int(np.max(np.searchsorted(time_s, here + length_s) - first - np.arange(len(here))))
         for first in range(0, len(time_s), BLOCK)

@@ -1,4 +1,5 @@
-"""The best circuit over a grid of time constants, polished and proved, and what was assumed."""
+"""The best circuit over a grid of time constants, polished and proved, and the assumptions tested
+by it."""
 
 import itertools
 import math
@@ -41,11 +42,11 @@ from .proof import SMALLEST_RMSE_V
 if TYPE_CHECKING:
     from ..model.problem import Problem
 
-# Grid points of a time constant by the number of pairs, and of gamma. A unit response varies
-# over a factor of e in tau; four pairs are still sampled twice as densely as that.
+# Grid points per time constant by the number of pairs, and of gamma. A unit response varies over a
+# factor of e in tau; four pairs are still sampled twice as densely as that.
 GRID = GridSizes({1: 192, 2: 96, 3: 28, 4: 18}, {1: 96, 2: 48, 3: 20, 4: 12}, 24)
-# Local minima of the grid up to this many times its lowest error are polished, but never more of
-# them than this.
+# Local minima of the grid up to this many times its lowest error are polished, at most the second
+# number of them.
 FACTOR = 1.5
 MAX_MINIMA = 32
 # Boxes of a proof: two pairs need hundreds, three and gamma thousands, four tens of thousands.
@@ -57,19 +58,19 @@ _rmse_v = attrgetter("rmse_v")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class GlobalOptimum(WithOptima):
-    """The best circuit in a box, and what is proved about it.
+    """The best circuit in a box, and the proof about it.
 
     Attributes:
         optima: The distinct local optima up to `FACTOR` times the best, which comes first; their
             errors are computed by the scan.
         at_bound: Parameters of the best at a bound.
         status: "certified" by branch and bound, or "grid-verified".
-        lower_bound_v: No circuit in the box has a lower RMSE; 0 where nothing was proved.
-        boxes: Boxes of time constants that the proof took; None without a proof.
-        median_gap: Optimality gap of the median seed before refinement; of seeds that were not run,
-            all gaps are infinite.
-        best_gap: That of the best seed before refinement.
-        refined_gap: That of the best refined seed.
+        lower_bound_v: No circuit in the box has a lower RMSE; 0 if nothing was proved.
+        boxes: Boxes of time constants in the proof; None without a proof.
+        median_gap: Optimality gap of the median seed before refinement; all gaps are infinite if no
+            seeds were run.
+        best_gap: Optimality gap of the best seed before refinement.
+        refined_gap: Optimality gap of the best refined seed.
         seeds_there: Refined seeds that reached the optimum.
     """
 
@@ -113,12 +114,12 @@ class GlobalOptimum(WithOptima):
 
 
 def optimality_gap(rmse_v: float, optimum_v: float) -> float:
-    """The distance of an RMSE above that of the optimum, as a fraction of the latter.
+    """The relative distance of an RMSE above the optimum's.
 
     Args:
         rmse_v: An RMSE.
-        optimum_v: The optimum's. One below `SMALLEST_RMSE_V` counts as that: smaller differences
-            are rounding errors.
+        optimum_v: RMSE of the optimum. One below `SMALLEST_RMSE_V` counts as that: smaller
+            differences are rounding errors.
 
     >>> round(optimality_gap(10.1e-3, 10e-3), 6)
     0.01
@@ -138,13 +139,14 @@ def find_global_optimum(
         problem: A problem from `make_problem`.
         prove: Add a lower bound on every circuit's RMSE by branch and bound. If it ends within
             `CERTIFIED_GAP` of the best, the status is "certified", else "grid-verified".
-        max_boxes: At most so many boxes of time constants for the proof.
+        max_boxes: Most boxes of time constants for the proof.
 
     Raises `InputError` if the box is too wide to compress.
     """
     from ..search.seeds import at_bound
 
-    # Kept with the problem: where the direction before the start is open, it was looked for before.
+    # Stored with the problem: if the direction before the start was open, they were computed
+    # before.
     if "minima" not in vars(problem):
         objective = ConstantObjective.of(problem)
         starts = lowest_scales(objective, GRID, apart=False, factor=FACTOR)[:MAX_MINIMA]
@@ -177,7 +179,7 @@ def find_global_optimum(
 def _polish(
     problem: "Problem", objective: ConstantObjective, starts: Sequence[LogScales]
 ) -> list[RefinedSeed]:
-    """The ends of descents from some scales, with the errors of the scan."""
+    """The ends of descents from the given scales, with the errors of the scan."""
     ends, moved, are_flat = [], [], []
     for log_scales in starts:
         start = objective.solve(log_scales)
@@ -191,18 +193,18 @@ def _polish(
     return [*map(RefinedSeed, rmse_by_scan(problem, ends), ends, moved, are_flat)]
 
 
-# What a circuit resists after so long a constant current; slower pairs imitate the OCV.
+# A circuit's resistance counts after this long at constant current; slower pairs imitate the OCV.
 DROP_S = 1000.0
-# A drop that is left in the OCV changes the resistances by a tenth of itself.
+# A drop left in the OCV changes the resistances by a tenth of itself.
 DROP_ROUNDS = 2
 
 
 @in_float64
 def without_sweep_drop(problem: "Problem") -> "Problem":
-    """The problem with the OCV at rest where slow sweeps measured it under load.
+    """The problem with the OCV at rest if slow sweeps measured it under load.
 
-    What a sweep lost is told by the circuit that fits best the records nearest to its temperature.
-    Where the box is too wide to look for that, the sweeps stay as they are.
+    The drop of a sweep comes from the circuit that best fits the records nearest to its
+    temperature. If the box is too wide for that fit, the sweeps are left unchanged.
     """
     cells = (problem.cell, *problem.cell.elsewhere)
     improved = problem
@@ -238,12 +240,13 @@ def _slow_resistance_ohm(problem: "Problem", temperature_degc: float | None) -> 
     return circuit.r0 + float(shown @ circuit.r)
 
 
-# A direction is the better one where it lowers the RMSE by more than this.
+# A direction is better if it lowers the RMSE by more than this.
 SAME_FIT = 1e-6
 
 
 def with_better_directions(problem: "Problem") -> "Problem":
-    """The problem with each open direction before the start as fits better, record by record."""
+    """The problem with each open direction before the start set to the better-fitting one, record
+    by record."""
     for index, prepared in enumerate(problem.prepared_records):
         records = list(problem.prepared_records)
         records[index], other = both_directions(prepared)
@@ -261,11 +264,11 @@ def with_better_directions(problem: "Problem") -> "Problem":
     return problem
 
 
-# The errors of both holds are compared in so many parts of each record. A mean logarithm beyond so
-# much, at so many standard errors, was never wrong on 120 simulated cells whose voltage does not
-# lag; on an even clock few reach it.
+# The errors with both holds are compared in this many parts of each record. A mean logarithm beyond
+# the second number and this many standard errors was never wrong on 120 simulated cells whose
+# voltage does not lag; on an even clock few reach it.
 PARTS, FAR, SHARP = 24, 0.05, 4.0
-# On a clock so even, at intervals so short, both holds fit alike, and nothing tells them apart.
+# On a clock this even, at intervals this short, both holds fit alike and cannot be distinguished.
 EVEN, SHORT_S = 0.01, 1.5
 
 
@@ -290,12 +293,12 @@ def hold_warning(problem: "Problem", r0_ohm: float, other_ohm: float) -> Notice:
 
 
 def with_better_hold(problem: "Problem") -> "Problem":
-    """The problem with the hold that its voltage tells, in the records whose own is only assumed.
+    """The problem with the hold that the voltage supports, in records whose hold is merely assumed.
 
-    What tells the holds apart is the OCV, whose slope differs along the record, and an uneven
-    clock. Where these say little the problem is as it was, and so it is with a dynamic hysteresis,
-    which can turn within a sample and then follows one hold only. An OCV that was identified with
-    the record follows the hold that was assumed, and tells nothing.
+    The holds are distinguished by the OCV, whose slope differs along the record, and by an uneven
+    clock. If the evidence is weak the problem is returned unchanged, as it is with a dynamic
+    hysteresis, which can turn within a sample and then fits one hold only. An OCV identified with
+    the record is biased to the assumed hold, and is no evidence.
     """
     records = problem.prepared_records
     is_open = [prepared.record.hold.strength == "assumed" for prepared in records]
@@ -339,7 +342,8 @@ def _moved_errors_v(problem: "Problem") -> list[np.ndarray]:
 
 
 def _can_tell(prepared: PreparedRecord, ocv_is_fitted: bool) -> bool:
-    """True where the voltage may tell the hold: one that lags speaks for one of them."""
+    """True if the voltage may distinguish the holds; a voltage that lags is evidence for one of
+    them."""
     interval_s, usual_s = prepared.record.interval_s, prepared.median_interval_s
     is_even = np.quantile(np.abs(interval_s - usual_s), 0.99) <= EVEN * usual_s
     has_slope = usual_s > SHORT_S and not ocv_is_fitted
@@ -349,7 +353,7 @@ def _can_tell(prepared: PreparedRecord, ocv_is_fitted: bool) -> bool:
 def _log_ratios(one_v: np.ndarray, other_v: np.ndarray) -> np.ndarray:
     """The logarithm of the squared errors of one hold over the other's, in each part of a record.
 
-    The errors are differences between samples: what is slow depends on the hold no more.
+    The errors are differences between samples: slow parts do not depend on the hold.
     """
     count = min(len(one_v), len(other_v))
     edges = np.linspace(0, count, min(PARTS, count) + 1).astype(int)[:-1]

@@ -1,1 +1,1 @@
-"""Which circuit is the answer: a family of circuits, one rule, and what was tried."""
+"""The choice of the circuit: a family of circuits, one rule, and the circuits tried."""

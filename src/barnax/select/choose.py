@@ -1,4 +1,4 @@
-"""The circuit of the family that the records support, found rung by rung from the simplest."""
+"""The circuit of the family that the records support, reached rung by rung from the simplest."""
 
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
@@ -43,8 +43,8 @@ class Fitted(NamedTuple):
     loss: HeldOut | None
 
 
-# What became of a rung: it is kept; it gains too little, or less than the one that was kept; what
-# it adds is not determined, or takes the place of the OCV; or the circuit was asked for without it.
+# Outcome of a rung: it is kept; it gains too little, or less than the one that was kept; its
+# addition is not determined, or acts like the OCV; or the circuit was requested without it.
 Outcome = Literal["kept", "no gain", "less gain", "not determined", "like the OCV", "not asked for"]
 
 
@@ -53,15 +53,15 @@ class Tried:
     """One rung that was tried.
 
     Attributes:
-        ladder: What it adds.
+        ladder: The ladder of the rung.
         circuit: Name of the circuit.
         nodes: Number of nodes of its resistances.
-        follows: What resistances follow beside SOC.
+        follows: Quantities besides SOC on which resistances depend.
         rmse_v: sqrt(J) of its best fit.
-        held_out: Errors on blocks that were held out.
-        gain: By how much its loss is lower than that of the circuit before; None of the first, and
-            of that at starts which records tell each other.
-        outcome: What became of it.
+        held_out: Errors on held-out blocks.
+        gain: Reduction of the loss relative to the circuit before; None for the first one, and for
+            that at registered starts.
+        outcome: Outcome of the rung.
     """
 
     ladder: Ladder | None
@@ -75,13 +75,13 @@ class Tried:
 
     @property
     def kept(self) -> bool:
-        """True if it took that one's place."""
+        """True if it replaced the circuit before."""
         return self.outcome == "kept"
 
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """The circuit that was chosen, and every one that was tried on the way."""
+    """The chosen circuit, and every one that was tried on the way."""
 
     chosen: Fitted
     tried: tuple[Tried, ...]
@@ -92,19 +92,20 @@ def choose(
     prepare: Callable[[str], Sequence[PreparedRecord]], settings: TableSettings, limits: Subfamily
 ) -> Choice:
     """The circuit that the records support: from the simplest one on, the rung that lowers the loss
-    most, as long as the policy keeps one.
+    most is taken, as long as the policy keeps one.
 
     Args:
-        prepare: Gives the records, in their windows, made ready for a circuit.
-        settings: How tables are fitted, and how blocks are held out.
-        limits: What is tried.
+        prepare: Returns the records, in their windows, prepared for a circuit.
+        settings: Settings of the tables and of the held-out blocks.
+        limits: The circuits to try.
     """
     return Bench(prepare, settings, limits).chosen()
 
 
 @dataclass(eq=False)
 class Bench:
-    """The records, settings and limits by which circuits of the family are fitted and compared."""
+    """The records, settings and limits with which circuits of the family are fitted and
+    compared."""
 
     prepare: Callable[[str], Sequence[PreparedRecord]]
     settings: TableSettings
@@ -125,12 +126,13 @@ class Bench:
                 chosen = self.fit(replace(chosen.point, law=proposed[0]))
         self.tried.append(_tried(None, chosen, None))
         if chosen.loss is None:
-            # Nothing can be held out, and nothing speaks for more.
+            # Nothing can be held out, so there is no evidence for more.
             return Choice(self.registered(chosen), tuple(self.tried))
         chosen = self._climbed(chosen)
         answer = self.registered(chosen)
         if answer is not chosen:
-            # A start that was off looks like what a richer circuit has: asked again without it.
+            # A wrong start looks like a feature of a richer circuit, so the choice is repeated
+            # without it.
             windows = {one.record.name: one.window for one in answer.objective.prepared_records}
 
             def prepare(circuit: str) -> list[PreparedRecord]:
@@ -144,10 +146,10 @@ class Bench:
         return Choice(self._with_determined_pairs(answer), tuple(self.tried))
 
     def _climbed(self, chosen: Fitted) -> Fitted:
-        """The circuit from which no rung leads further, without those that are worth nothing."""
+        """The circuit from which no rung leads further, without rungs that gain nothing."""
         laws = self._laws_to_try(chosen.point)
         while True:
-            # A hysteresis that was worth nothing beside a simpler circuit waits for all else.
+            # A hysteresis that gained nothing over a simpler circuit is tried last.
             worthless = {one.ladder for one in self.tried if one.outcome == "no gain"}
             waiting = {ladder for ladder in HYSTERESES if ladder in worthless}
             step = (
@@ -161,19 +163,19 @@ class Bench:
             # A law was tried at the time constants of the circuit before.
             chosen = self.fit(step.point) if step.point.law != chosen.point.law else step
             if self._is_like_ocv(chosen):
-                # A hysteresis that was kept has slowed down: the same goes on without it.
+                # The rate of a kept hysteresis has fallen: the circuit without it does the same.
                 slow, chosen = chosen, self.fit(self.limits.without_rate(chosen.point))
                 self.tried.append(_tried("without", chosen, self._gain(chosen, slow)))
 
     def _laws_to_try(self, point: Point) -> tuple[str, ...]:
-        """The laws that the records can tell. Beside an OCV of the records' own it takes up
-        resistances that differ with the direction, where these are left out."""
+        """The laws that the records can determine. With an OCV fitted to the records, only
+        dependence on the direction if laws are excluded, because that OCV would absorb it."""
         if self.limits.laws is None:
             return laws_for(self._all_prepared(point))
         return ("direction",) if self.limits.has_ocv and not self.limits.laws else ()
 
     def _without_needless(self, chosen: Fitted) -> Fitted:
-        """The circuit without rungs that gain nothing beside those kept later."""
+        """The circuit without rungs that gain nothing in addition to those kept later."""
         for point in self.limits.simpler(chosen.point):
             simpler = self.fit(point)
             gain = self._gain(simpler, chosen)
@@ -199,7 +201,7 @@ class Bench:
 
     @in_float64
     def registered(self, chosen: Fitted) -> Fitted:
-        """A circuit with starts and capacities of several records registered by each other."""
+        """A circuit with starts and capacities of several records registered on each other."""
         given, settings = self.records_of(chosen.point), self.settings
         is_fixed = settings.keep_starts or not settings.ocv_correction or self.limits.has_ocv
         if is_fixed or len(given) < 2:
@@ -215,13 +217,14 @@ class Bench:
         return Fitted(replace(chosen.point, law=law), objective, best, chosen.loss)
 
     def _richer(self, point: Point, ladders: Collection[Ladder]) -> Iterator[tuple[Ladder, Fitted]]:
-        """The circuits that are one rung of these ladders away."""
+        """The circuits one rung of these ladders away."""
         for ladder, other in self.limits.rungs(point):
             if ladder in ladders and (ladder != "nodes" or self._spans_enough):
                 yield ladder, self.fit(other)
 
     def _finest_nodes(self, chosen: Fitted) -> Iterator[tuple[Ladder, Fitted]]:
-        """The circuit with the nodes after those that gain something and too little."""
+        """The circuit with the second finer set of nodes, if the first one gains something but too
+        little."""
         finer = self.limits.nodes[self.limits.nodes.index(chosen.point.nodes) + 1 :]
         if len(finer) < 2 or not self._spans_enough:
             return
@@ -235,7 +238,7 @@ class Bench:
         return bool(np.ptp(soc) >= self.policy.least_span_soc)
 
     def _best_of(self, chosen: Fitted, richer: Iterable[tuple[Ladder, Fitted]]) -> Fitted | None:
-        """The one of some richer circuits that lowers the loss most; None if none is better."""
+        """The richer circuit that lowers the loss most; None if none is better."""
         best, best_gain, index = None, 0.0, 0
         for ladder, more in richer:
             gain = self._gain(chosen, more)
@@ -243,7 +246,7 @@ class Bench:
             self.tried.append(_tried(ladder, more, gain, outcome))
             richer_still = [point for _, point in self.limits.rungs(best.point)] if best else []
             if best is not None and more.point in richer_still:
-                # What it adds to the other one has to be worth it.
+                # Its addition to the other one has to be worth it.
                 outcome = self._outcome(best, more, self._gain(best, more), 0.0)
             if outcome == "less gain" and gain.value > best_gain:
                 best, best_gain, index = more, gain.value, len(self.tried) - 1
@@ -257,8 +260,8 @@ class Bench:
         return self.policy.gain(simpler.loss, richer.loss)
 
     def _outcome(self, chosen: Fitted, more: Fitted, gain: Gain, best_gain: float) -> Outcome:
-        """The outcome of a richer circuit, unless another gains more; where one does, its law need
-        not be determined."""
+        """The outcome of a richer circuit, unless another gains more; if one does, its law need not
+        be determined."""
         if not self._is_worth(chosen, more, gain):
             return "no gain"
         if not chosen.point.has_rate and self._is_like_ocv(more):
@@ -271,26 +274,26 @@ class Bench:
         return "not asked for" if is_other or is_law else "less gain"
 
     def _is_worth(self, simpler: Fitted, richer: Fitted, gain: Gain) -> bool:
-        """True where a richer circuit is better, and a hysteresis beside an OCV test by enough."""
+        """True if a richer circuit is better, with an OCV test by enough for a hysteresis."""
         is_new = richer.point.kind != simpler.point.kind and not self.limits.has_ocv
         least = self.policy.least_gain_of_hysteresis if is_new else 0.0
         return self.policy.is_better(gain) and gain.value > least
 
     def _is_like_ocv(self, more: Fitted) -> bool:
-        """True of a hysteresis that turns so slowly that an OCV of the records' own does the same:
-        its gap is anything then, and the OCV with it."""
+        """True for a hysteresis that turns so slowly that a fitted OCV does the same: its gap is
+        then arbitrary, and so is the OCV."""
         has_to_earn_it = more.point.has_rate and not Point(self.limits.start).has_rate
         if not (self.limits.has_ocv and has_to_earn_it):
             return False
         return math.exp(more.best.log_scales[-1]) < self.policy.slowest_rate
 
     def _is_determined(self, before: Point, more: Fitted) -> bool:
-        """False for a new hysteresis that turns at once, and a new law whose interval is wide."""
+        """False for a new hysteresis that turns at once, and for a new law with a wide interval."""
         if more.point.has_rate and not before.has_rate:
             return math.exp(more.best.log_scales[-1]) <= self.policy.fastest_rate
         if more.point.law == before.law:
             return True
-        # Its time constants were held.
+        # The time constants were held.
         more = self.fit(more.point)
         numbers = more.objective.numbers
         intervals = [one for one in intervals_of(more.objective, more.best) if one.name in numbers]
@@ -298,8 +301,8 @@ class Bench:
         return all(one.low and one.high and one.high < widest * one.low for one in intervals)
 
     def _laws(self, chosen: Fitted, laws: Sequence[str]) -> list[tuple[Ladder, Fitted]]:
-        """The circuit with one law more, each at the time constants that it fits best with; first
-        the one that gains most, for those behind it need not be determined."""
+        """The circuit with one more law, each at the time constants that fit best with it; the
+        largest gain first, because the laws after it need not be determined."""
         law, richer = chosen.point.law, list[tuple[Ladder, Fitted]]()
         for what in laws:
             proposed = propose(chosen.objective, chosen.best, what)
@@ -314,13 +317,13 @@ class Bench:
         return sorted(richer, key=lambda each: -self._gain(chosen, each[1]).value)
 
     def _all_prepared(self, point: Point) -> Sequence[PreparedRecord]:
-        """The records made ready for circuits with such a hysteresis."""
+        """The records prepared for circuits with the same kind of hysteresis."""
         if point.kind not in self._prepared:
             self._prepared[point.kind] = self.prepare(point.circuit)
         return self._prepared[point.kind]
 
     def records_of(self, point: Point) -> list[PreparedRecord]:
-        """The records made ready for a point."""
+        """The records prepared for a point."""
         prepared = self._all_prepared(point)
         return [replace(one, circuit=point.circuit).following(point.law) for one in prepared]
 
@@ -338,7 +341,7 @@ class Bench:
         if key not in self._finest:
             settings = self.limits.settings_of(finest, self.settings)
             records = self.records_of(finest)
-            # Beside no correction of the OCV, pairs may be slower.
+            # Without a correction of the OCV, pairs may be slower.
             widest = box_of(records, replace(settings, ocv_correction=self.limits.has_ocv))
             self._finest[key] = reduced_objective(records, settings, widest)
         settings = self.limits.settings_of(point, self.settings)
@@ -351,7 +354,7 @@ class Bench:
 
     @cached_property
     def _blocks(self) -> tuple[list[Int[np.ndarray, "_"]], int]:
-        """The block of every sample, of every circuit those of the simplest."""
+        """The block of every sample; all circuits use those of the simplest."""
         return numbered_blocks(self._all_prepared(Point(self.limits.start)), self.settings)
 
 

@@ -1,7 +1,8 @@
 """The family of circuits: its points, and the rungs that lead from one to richer ones.
 
 A circuit is four choices, each a short ladder: the nodes of its resistances over SOC, its RC pairs,
-its hysteresis, and what resistances follow beside SOC. Tables come with a correction of the OCV.
+its hysteresis, and the quantities besides SOC on which resistances depend. Tables come with a
+correction of the OCV.
 """
 
 from collections.abc import Iterator, Mapping
@@ -15,12 +16,12 @@ from ..over_soc.settings import TableSettings
 from ..settings import NODES
 
 Ladder = Literal["nodes", "pairs", "hysteresis", "switched", "law", "starts", "without"]
-# Those that have rungs of their own; laws are proposed by records.
+# The kinds of hysteresis that have their own rungs; laws are proposed from records.
 HYSTERESES: tuple[Ladder, ...] = ("hysteresis", "switched")
 RUNGS: tuple[Ladder, ...] = ("nodes", "pairs", *HYSTERESES)
-# Nodes of resistances, the finest last: each has every second node of the next.
+# Nodes of resistances, the finest last: each set has every second node of the next.
 NODE_LADDER: tuple[tuple[float, ...], ...] = (ANYWHERE, NODES[::4], NODES[::2], NODES)
-# By circuit, those of one RC pair or a hysteresis more. The first is where the ladder starts; those
+# By circuit, those with one more RC pair or a hysteresis. The ladder starts at the first; those
 # with a hysteresis have two pairs.
 RICHER: Mapping[str, Mapping[Ladder, str]] = {
     "1rc": {"pairs": "so-rc", "hysteresis": "esc", "switched": "iso-rc"},
@@ -57,21 +58,21 @@ class Point:
 
     @property
     def is_constant(self) -> bool:
-        """True where resistances have one value at every SOC."""
+        """True if resistances have one value at every SOC."""
         return len(self.nodes) == 1
 
 
 @dataclass(frozen=True)
 class Subfamily:
-    """The part of the family that is tried.
+    """The part of the family to try.
 
     Args:
         start: The simplest circuit.
         nodes: Node ladder, from coarse to fine.
-        richer: By circuit, those with more.
-        laws: What resistances may follow; None leaves it to the records.
-        has_ocv: Whether the OCV is a table of the records' own.
-        is_asked: Whether the circuit was asked for: richer ones are tried, and none is kept.
+        richer: By circuit, the richer ones.
+        laws: Permitted resistance laws; None leaves the choice to the records.
+        has_ocv: Whether the OCV is a table fitted to the records.
+        is_asked: Whether the circuit was requested: richer ones are tried, and none is kept.
     """
 
     start: str
@@ -82,7 +83,7 @@ class Subfamily:
     is_asked: bool = False
 
     def rungs(self, point: Point) -> Iterator[tuple[Ladder, Point]]:
-        """The richer circuits that are one rung away, but for laws, which records propose."""
+        """The richer circuits one rung away, except for laws, which are proposed from records."""
         finer = self.nodes[self.nodes.index(point.nodes) + 1 :]
         if finer:
             yield "nodes", replace(point, nodes=finer[0])
@@ -90,7 +91,7 @@ class Subfamily:
             yield ladder, replace(point, circuit=circuit)
 
     def simpler(self, point: Point) -> Iterator[Point]:
-        """The circuits of which this one is one rung away, but for laws."""
+        """The circuits from which this one is one rung away, except for laws."""
         if index := self.nodes.index(point.nodes):
             yield replace(point, nodes=self.nodes[index - 1])
         for circuit, others in self.richer.items():
@@ -98,7 +99,7 @@ class Subfamily:
                 yield replace(point, circuit=circuit)
 
     def without_rate(self, point: Point) -> Point:
-        """The circuit of as many pairs without the hysteresis."""
+        """The circuit with the same number of pairs without the hysteresis."""
         names = (name for name, to in self.richer.items() if to.get("hysteresis") == point.circuit)
         *_, circuit = names
         return replace(point, circuit=circuit)
@@ -110,7 +111,7 @@ class Subfamily:
         is_corrected = settings.ocv_correction and not point.is_constant
         bounds = settings.bounds
         if point.has_rate and not Point(self.start).has_rate and RATE not in settings.ranges:
-            # A hysteresis that has to earn itself has a rate of its own.
+            # An optional hysteresis has a bounded rate.
             bounds = {**bounds, RATE: DISTINCT_RATES}
         return replace(settings, nodes=point.nodes, ocv_correction=is_corrected, bounds=bounds)
 
@@ -125,12 +126,12 @@ def limits_of(
     """The part of the family for a cell.
 
     Args:
-        cell: The cell: where its OCV test shows a hysteresis that matters, the family starts there.
+        cell: The cell: if its OCV test shows a significant hysteresis, the family starts there.
         settings: Nodes other than the default are the only ones over SOC; with bounds or fixed
-            values the pairs are two, or three where these are of a third.
+            values there are two pairs, or three if these apply to a third.
         model: The only circuit; None for all.
-        over_soc: True for tables alone, False for constants alone.
-        has_ocv: Whether the OCV is a table of the records' own.
+        over_soc: True for tables only, False for constants only.
+        has_ocv: Whether the OCV is a table fitted to the records.
     """
     nodes = NODE_LADDER if settings.nodes == NODES else tuple({ANYWHERE: 0, settings.nodes: 0})
     if over_soc is not None and len(nodes) > 1:
@@ -142,14 +143,14 @@ def limits_of(
         settings.resistances_follow, tuple(settings.resistances_follow.split(","))
     )
     if model is not None:
-        # Beside an OCV of the records' own, a hysteresis that is left out goes into resistances.
+        # With a fitted OCV, a hysteresis that is left out distorts resistances.
         others = RICHER.get(model, {}) if has_ocv else {}
         richer = {model: {ladder: others[ladder] for ladder in others if ladder == "hysteresis"}}
         return Subfamily(model, nodes, richer, laws, has_ocv, is_asked=True)
     is_bounded = bool(settings.ranges)
     start = "esc" if cell.has_flat_ocv else "1rc" if settings.folds and not is_bounded else "so-rc"
     if any(str(get_circuit(start).pairs + 1) in name for name in settings.ranges):
-        # A third pair is asked for by its bounds.
+        # A third pair is requested by its bounds.
         start = RICHER[start].get("pairs", start)
     gaps = {"hysteresis": has_ocv or cell.has_gap, "switched": cell.has_gap and not has_ocv}
     richer: dict[str, Mapping[Ladder, str]] = {}

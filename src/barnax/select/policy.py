@@ -6,9 +6,9 @@ bands the loss is
 
     L = 1 / (2 B) sum_b log S_b + 1 / (2 K) sum_k log S_k
 
-so that no block and no range of SOC rules it. A richer circuit is better where it lowers L by more
-than `standard_errors` times the standard error of the blocks' paired differences, each band's to
-first order (the delta method). Chosen by experiment: `benchmarks/choice.py`.
+so that no single block or range of SOC dominates it. A richer circuit is better if it lowers L by
+more than `standard_errors` times the standard error of the blocks' paired differences, each band's
+to first order (the delta method). Chosen by experiment: `benchmarks/choice.py`.
 """
 
 import math
@@ -24,17 +24,17 @@ class Policy:
     """The numbers of the rule.
 
     Args:
-        standard_errors: A richer circuit gains more than so many of its gain's standard error.
-        least_gain: And more than this: 1.5 % of the error is no reason for another circuit.
-        least_gain_of_hysteresis: A hysteresis gains more than this, a tenth of the error, beside an
-            OCV that rises: the gap of an OCV test is in part the polarisation of its sweeps.
-        floor_v: What voltmeters do not resolve is added to every error.
-        least_span_soc: Over less SOC than this, nodes tell nothing of the cell.
-        widest: The most decades of a law's own interval.
-        fastest_rate: A hysteresis that turns faster, within 1 % SOC, cannot be told from
+        standard_errors: Required gain of a richer circuit in standard errors of that gain.
+        least_gain: Least gain in addition: 1.5 % of the error does not justify another circuit.
+        least_gain_of_hysteresis: Least gain of a hysteresis, a tenth of the error, with an OCV
+            test: its gap is in part the polarization of its sweeps.
+        floor_v: Added to every error, because voltmeters do not resolve it.
+        least_span_soc: Over less SOC than this, nodes contain no information about the cell.
+        widest: Widest interval of a law's numbers, in decades.
+        fastest_rate: A hysteresis that turns faster, within 1 % SOC, cannot be distinguished from
             resistances that fall with the current.
-        slowest_rate: One that turns more slowly than this, over 10 % SOC, cannot be told from an
-            OCV of the records' own.
+        slowest_rate: One that turns more slowly than this, over 10 % SOC, cannot be distinguished
+            from a fitted OCV.
     """
 
     standard_errors: float = 1.5
@@ -47,7 +47,7 @@ class Policy:
     slowest_rate: float = 10.5
 
     def gain(self, simpler: HeldOut, richer: HeldOut) -> "Gain":
-        """By how much the loss of a richer circuit is lower."""
+        """The reduction of the loss by a richer circuit."""
         is_block = simpler.counts[:, 0] > 0
         counts = simpler.counts[is_block]
         one_v2, other_v2 = (
@@ -57,20 +57,21 @@ class Policy:
         seen = counts.any(axis=0)
         sums_v2 = one_v2[:, seen].sum(axis=0), other_v2[:, seen].sum(axis=0)
         value = np.mean(by_block) / 2 + np.mean(np.log(sums_v2[0] / sums_v2[1])) / 2
-        # What every block adds, its share of a band's sum of squares.
+        # The contribution of every block, its share of a band's sum of squares.
         shares = one_v2[:, seen] / sums_v2[0] - other_v2[:, seen] / sums_v2[1]
         adds = by_block / 2 + len(by_block) * np.mean(shares, axis=1) / 2
         error = np.std(adds, ddof=1) / math.sqrt(len(adds)) if len(adds) > 1 else math.inf
         return Gain(float(value), float(error))
 
     def is_better(self, gain: "Gain") -> bool:
-        """True where a richer circuit is to be preferred."""
+        """True if a richer circuit is preferred."""
         return gain.value > max(self.standard_errors * gain.standard_error, self.least_gain)
 
 
 @dataclass(frozen=True)
 class Gain:
-    """By how much a loss is below another, in logarithms of a mean square; its standard error."""
+    """The reduction of a loss relative to another, in logarithms of a mean square; its standard
+    error."""
 
     value: float
     standard_error: float

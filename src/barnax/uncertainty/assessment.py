@@ -1,6 +1,6 @@
 """Assessment of an optimum: intervals, identifiability, and the residuals.
 
-An assessment needs no further fit; an examination fits again, some hundred times.
+An assessment needs no further fit; an examination refits some hundred times.
 """
 
 import itertools
@@ -33,11 +33,11 @@ MAX_TEMPERATURES = 8
 
 @dataclass(frozen=True)
 class Band:
-    """Residuals of the samples from `low` to `high`, None if there is no end.
+    """Residuals of the samples from `low` to `high`; None for an open end.
 
-    Of SOC these are fractions, of the current C-rates (discharge positive, the band at rest spans
-    zero), of temperature degC. `mean_v` is measured minus simulated, `share` their part of
-    the summed squared error.
+    For SOC these are fractions, for the current C-rates (discharge positive, the band at rest spans
+    zero), for temperature degC. `mean_v` is measured minus simulated, `share` their part of the
+    summed squared error.
     """
 
     low: float | None
@@ -50,11 +50,11 @@ class Band:
 
 @dataclass(frozen=True, repr=False)
 class Diagnostics(Brief):
-    """Correlation of the residuals, and the places where they are large.
+    """Correlation of the residuals, and where they are large.
 
-    `autocorrelation` holds the residuals' own at `lags_s`. `correlation_time_s` is the integrated
-    autocorrelation time of the fitted noise: so many seconds are worth one independent sample, and
-    the record `effective_samples` of them.
+    `autocorrelation` is that of the residuals at `lags_s`. `correlation_time_s` is the integrated
+    autocorrelation time of the fitted noise: the interval that is worth one independent sample, of
+    which the record has `effective_samples`.
     """
 
     lags_s: tuple[float, ...]
@@ -93,8 +93,8 @@ def soc_bands(
     error_v: Float[np.ndarray, "samples"],
     edges: Float[np.ndarray, "edges"] = SOC_EDGES,
 ) -> tuple[Band, ...]:
-    """The errors in each band of the state of charge, by default each tenth. The lowest band holds
-    what is below it too, the highest what is above."""
+    """The errors in each band of the state of charge, by default each tenth. The lowest band
+    includes samples below it, the highest those above."""
     inner = edges[1:-1]
     return _bands(soc, error_v, np.array([-np.inf, *inner, np.inf]), edges.tolist())
 
@@ -134,7 +134,8 @@ def _bands(
     edges: Float[np.ndarray, "edges"],
     ends: Sequence[float | None],
 ) -> tuple[Band, ...]:
-    """The bands that hold samples; each includes its lower edge, and is told by its `ends`."""
+    """The bands that contain samples; each includes its lower edge, and is labeled by its
+    `ends`."""
     total = float(error_v @ error_v)
     number = np.digitize(quantity, edges) - 1
     bands = []
@@ -174,10 +175,10 @@ class Assessment(Brief):
 
     Attributes:
         uncertainty: Intervals of all parameters.
-        identifiability: What the data cannot determine.
+        identifiability: Parameters that the data cannot determine.
         diagnostics: Residuals over time, SOC, current and temperature.
-        examination: What further fits add.
-        covariance: The covariance that the others follow from; None of a stored assessment.
+        examination: Results of further fits.
+        covariance: The covariance behind the other results; None for a stored assessment.
     """
 
     uncertainty: Uncertainty

@@ -1,10 +1,9 @@
 """Standard errors and intervals of every parameter, for independent and for correlated residuals.
 
-The white-noise covariance s^2 (J'J)^-1 takes every sample for independent. The covariance that
-intervals are made of is the sandwich (J'J)^-1 J' G J (J'J)^-1 with G the covariance of the noise
-that `noise` fits to the residuals; it goes with Student's t of as many degrees of freedom as that
-fit has. J are the errors' derivatives by logarithms, so standard errors are relative and intervals
-positive.
+The white-noise covariance s^2 (J'J)^-1 assumes independent samples. Intervals use the sandwich
+(J'J)^-1 J' G J (J'J)^-1 with G the covariance of the noise that `noise` fits to the residuals, and
+Student's t with the degrees of freedom of that fit. J are the errors' derivatives by logarithms, so
+standard errors are relative and intervals positive.
 """
 
 import math
@@ -28,14 +27,14 @@ from .noise import Noise, fit_noise
 if TYPE_CHECKING:
     from ..model.problem import Problem
 
-# Singular values of the scaled Jacobian under this share of the largest are rounding.
+# Singular values of the scaled Jacobian below this share of the largest are rounding.
 SMALLEST_SHARE = 1e-9
-# An interval that leaves more than this factor open on either side determines nothing.
+# A parameter whose interval extends by more than this factor to either side is not determined.
 WIDEST_FACTOR = 100.0
-# Voltages and derivatives beyond this are overflows on their way.
+# Voltages and derivatives beyond this are about to overflow.
 LARGEST_NUMBER = 1e20
-# A parameter that moves the voltage by less than this (RMS, for a factor of e) is not seen: far
-# below rounding, but squares of it are still numbers.
+# A parameter that moves the voltage by less than this (RMS, for a factor of e) is unseen: far below
+# rounding, but its squares are still representable.
 LEAST_V = 1e-18
 # Why a parameter is not free; "unseen" is one that no scored sample depends on.
 Held = Literal["fixed", "at lower bound", "at upper bound", "unseen"]
@@ -43,16 +42,17 @@ Held = Literal["fixed", "at lower bound", "at upper bound", "unseen"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Linearization(Brief):
-    """Errors of a circuit and their derivatives by what the data could move.
+    """Errors of a circuit and their derivatives by everything that the data could move.
 
     `names` are the free parameters in `log` coordinates: resistances, time constants (or
-    capacitances, where those are bounded) and gamma; `slope_v` holds dU by d ln of each, over the
-    scored samples, measured minus simulated like `error_v`. `held` says of every other parameter
-    why it is not free. `time_s` joins the clocks of all records, further apart than `longest_s`,
-    the duration of the longest of them. `informed` are the samples that say something of the
-    circuit: those of a rest before the first load do not. `by_nuisance_v` is what a standard error
-    of each nuisance makes of the errors: of the starts, and with a moving hysteresis all of
-    `nuisance_columns`; `nuisances_sd` is how far those are from what is given, in standard errors.
+    capacitances, if those are bounded) and gamma; `slope_v` holds dU by d ln of each, over the
+    scored samples, measured minus simulated like `error_v`. `held` gives the reason why any other
+    parameter is not free. `time_s` joins the clocks of all records, further apart than `longest_s`,
+    the duration of the longest of them. `informed` are the samples with information about the
+    circuit: those of a rest before the first load have none. `by_nuisance_v` is the effect on the
+    errors of one standard error of each nuisance: of the starts, and with a moving hysteresis all
+    of `nuisance_columns`; `nuisances_sd` is their distance from the given values, in standard
+    errors.
     """
 
     point: Float[np.ndarray, "coordinates"]
@@ -72,9 +72,9 @@ class Linearization(Brief):
         return len(self.error_v)
 
     def direction_of(self, name: str) -> tuple[Float[np.ndarray, "free"], Held | None]:
-        """The move of a parameter's logarithm with the free ones', and why it is held if it is.
+        """The change of a parameter's logarithm with the free ones', and the reason if it is held.
 
-        C and tau of a pair follow from each other: ln tau = ln R + ln C.
+        C and tau of a pair depend on each other: ln tau = ln R + ln C.
         """
         if name in self.names:
             return np.eye(len(self.names))[self.names.index(name)], None
@@ -104,9 +104,9 @@ def linearize(
 ) -> Linearization:
     """The errors of a circuit of the box and their derivatives, always by the scan.
 
-    A parameter at a bound is held there, for the bound decides its value, unless it is `freed`; so
-    is one that no scored sample depends on. Raises `InputError` if an error or a derivative is no
-    number that can be squared.
+    A parameter at a bound is held there, because the bound decides its value, unless it is `freed`;
+    so is one on which no scored sample depends. Raises `InputError` if the square of an error or a
+    derivative is not a finite number.
     """
     from ..model.problem import errors_and_slopes, point_blocks
     from ..search.seeds import at_bound
@@ -140,7 +140,7 @@ def linearize(
         [prepared.informed[prepared.scored] for prepared in problem.prepared_records]
     )
     nuisances = open_starts(problem.prepared_records)
-    # What constants leave of a record with a switched hysteresis looks like that hysteresis.
+    # The errors that constants leave with a switched hysteresis look like that hysteresis.
     if get_circuit(problem.circuit).has_rate:
         further = nuisance_columns(problem.prepared_records, parameters)
         is_many = np.count_nonzero(informed) > len(free) + further[0].shape[1]
@@ -162,7 +162,7 @@ def linearize(
 
 @in_float64
 def compile_linearization(problem: "Problem") -> None:
-    """Make the program of `linearize`, which takes seconds and waits for no answer."""
+    """Compile the program of `linearize`, which takes seconds and needs no answer."""
     from ..model.problem import errors_and_slopes
 
     objective = problem.padded_objective()
@@ -171,18 +171,18 @@ def compile_linearization(problem: "Problem") -> None:
 
 @dataclass(frozen=True)
 class Estimate:
-    """A parameter, its standard errors and its interval; what cannot be told is None, as the lower
-    end is of a resistance that may be zero.
+    """A parameter, its standard errors and its interval; undetermined numbers are None, such as the
+    lower end for a resistance that may be zero.
 
     Attributes:
         name: PyBaMM's name, with its unit.
         value: The value, in that unit.
-        held: Why it has no interval, if it has none.
+        held: The reason why it has no interval, if it has none.
         relative_error: Relative standard error, under the noise that the residuals show.
-        white_noise_relative_error: The same, if the residuals were white noise.
+        white_noise_relative_error: Relative standard error if the residuals were white noise.
         degrees_of_freedom: Degrees of freedom of the noise level, for Student's t.
-        low: Lower end of the 95 % interval, of both holds of the current where that is not known.
-        high: Upper end of that.
+        low: Lower end of the 95 % interval, over both holds of the current if the hold is unknown.
+        high: Upper end of that interval.
     """
 
     name: str
@@ -196,7 +196,7 @@ class Estimate:
 
     @property
     def standard_error(self) -> float | None:
-        """In the parameter's unit."""
+        """The standard error in the parameter's unit."""
         return None if self.relative_error is None else self.value * self.relative_error
 
     @property
@@ -207,7 +207,7 @@ class Estimate:
         return self.relative_error / self.white_noise_relative_error
 
     def excludes(self, value: float) -> bool:
-        """True where the interval has both ends, and another value lies outside."""
+        """True if the interval has both ends, and the given value lies outside."""
         if self.low is None or self.high is None:
             return False
         return not self.low <= value <= self.high
@@ -220,7 +220,7 @@ class Estimate:
 
 
 def linear_end(value: float, half_width: float) -> float | None:
-    """The upper end of a resistance that may be zero: the voltage is linear in it."""
+    """The upper end for a resistance that may be zero: the voltage is linear in it."""
     return value * (1 + half_width) if half_width < WIDEST_FACTOR else None
 
 
@@ -266,12 +266,12 @@ class Uncertainty(Brief):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Covariance(Brief):
-    """Covariances of the free parameters' logarithms, and the noise that they follow from.
+    """Covariances of the free parameters' logarithms, and the noise behind them.
 
-    Nuisances are estimated together with the parameters: each is one more unknown, with what is
-    given of it as its prior. `matrix` reckons with the correlation of the residuals,
-    `white_noise_matrix` does not. `step` and `nuisances_step` lead to the joint optimum, in
-    logarithms and standard errors of the nuisances; of these, there remain `nuisances_error`.
+    Nuisances are estimated together with the parameters: each is one more unknown, with its given
+    value as the prior. `matrix` includes the correlation of the residuals, `white_noise_matrix`
+    does not. `step` and `nuisances_step` lead to the joint optimum, in logarithms and in standard
+    errors of the nuisances, whose remaining errors are `nuisances_error`.
     """
 
     linearization: Linearization
@@ -294,7 +294,7 @@ class Covariance(Brief):
         )
         noise = fit_noise(error_v, vectors, time_s, linearization.longest_s)
         count, free = len(values), len(linearization.names)
-        # The noise's own strength, against which what is given of a nuisance weighs.
+        # The strength of the noise, relative to which the priors of nuisances are weighted.
         weight_v2 = float(np.mean(np.diag(noise.spread_v2))) if count else 0.0
         priors = math.sqrt(weight_v2) * np.eye(count)[free:]
         orthogonal, triangle = np.linalg.qr(np.vstack([values, priors]))
@@ -328,9 +328,9 @@ class Covariance(Brief):
     def estimate(self, name: str, value: float, direction: Float[np.ndarray, "free"]) -> Estimate:
         """The estimate of a quantity whose logarithm moves by `direction` . (free logarithms)."""
         error, half_width, freedom = self.reach(direction)
-        # Along what the data determine best, rounding can leave a variance below zero.
+        # In the best-determined directions, rounding can leave a negative variance.
         white_noise_v2 = max(float(direction @ self.white_noise_matrix @ direction), 0.0)
-        # Around the joint optimum, as far as the value.
+        # Around the joint optimum, extended to the value.
         joint = float(direction @ self.step) if len(self.nuisances_error) else 0.0
         is_open = not half_width < math.log(WIDEST_FACTOR)
         high = None if is_open else float(value * np.exp(max(0.0, joint + half_width)))
@@ -354,7 +354,7 @@ class Covariance(Brief):
         return self.estimate(name, value, direction)
 
     def summary(self, parameters: CircuitParameters) -> Uncertainty:
-        """All of it that is stored."""
+        """The part that is stored."""
         sd = np.sqrt(np.maximum(np.diag(self.matrix), 0.0))
         correlation = self.matrix / np.where(sd > 0, np.outer(sd, sd), 1.0)
         return Uncertainty(
@@ -375,7 +375,7 @@ class Covariance(Brief):
 def _basis(
     slope_v: Float[np.ndarray, "samples free"],
 ) -> tuple[Float[np.ndarray, "free free"], Float[np.ndarray, "samples free"]]:
-    """T and orthonormal Q with J = Q T; T is invertible even where J has no full rank.
+    """T and orthonormal Q with J = Q T; T is invertible even if J is rank-deficient.
 
     Directions that move nothing get a singular value so small that their errors are enormous.
     """

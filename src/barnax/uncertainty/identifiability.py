@@ -1,4 +1,4 @@
-"""Parameters that the data do not determine: too fast or too slow ones, alike ones, at bounds."""
+"""Parameters that the data do not determine: too fast or too slow, alike, or at bounds."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
@@ -15,15 +15,15 @@ from .covariance import Covariance, Estimate, Uncertainty
 if TYPE_CHECKING:
     from ..model.problem import Problem
 
-# A combination is worth telling where its error is this much smaller than its members'.
+# A combination is reported if its error is this much smaller than its members'.
 SHARPER = 1 / 3
-# Time constants within this factor of each other are one to the data.
+# The data cannot distinguish time constants within this factor of each other.
 SAME_TAU = 1.5
 # A parameter whose interval ends more than this factor away from its value is hardly determined.
 LOOSE_FACTOR = 2.0
 # A time constant at its bound, 0.1 % of the box's log width, is this close to it.
 NEAR_LIMIT = 0.01
-# What changes by less than this in a direction is not part of it.
+# Parameters that change by less than this in a direction are not part of it.
 PART_OF_DIRECTION = 0.1
 
 UndeterminedKind = Literal["too fast", "too slow", "alike", "at bound", "loose", "direction"]
@@ -31,19 +31,21 @@ UndeterminedKind = Literal["too fast", "too slow", "alike", "at bound", "loose",
 
 @dataclass(frozen=True)
 class Undetermined:
-    """One thing the data do not determine, and the estimates it is about.
+    """One thing the data do not determine, and the estimates involved.
 
-    - "too fast": a pair that is over within a sampling interval. Its resistance and R0 show as one,
-      or, where only tau is among the estimates, its resistance is determined and tau is not.
-    - "too slow": a pair that has no end within the record, of which only the capacitance shows.
-    - "alike": two pairs whose time constants may be one, of which only the summed R shows.
+    - "too fast": a pair that ends within a sampling interval. Only the sum of its resistance and R0
+      is determined or, if only tau is among the estimates, its resistance is determined and tau is
+      not.
+    - "too slow": a pair that does not end within the record, of which only the capacitance is
+    determined.
+    - "alike": two pairs that may have one time constant, of which only the summed R is determined.
     - "at bound": a parameter whose value a bound decides.
     - "loose": a parameter whose interval is wide or open.
     - "direction": parameters that can change at once, by `log_steps` of their logarithms, within
       one standard error.
 
-    `combined` is what is determined of them all the same, None if nothing is. `interval_s` is the
-    sampling interval, `duration_s` the record's scored duration.
+    `combined` is a combination of them that is still determined, None if there is none.
+    `interval_s` is the sampling interval, `duration_s` the record's scored duration.
     """
 
     kind: UndeterminedKind
@@ -68,7 +70,7 @@ class Identifiability:
 def identifiability(
     problem: "Problem", covariance: Covariance, uncertainty: Uncertainty
 ) -> Identifiability:
-    """The identifiability of an optimum by the records of its problem."""
+    """The identifiability of an optimum from the records of its problem."""
     search = _Search(
         covariance,
         {estimate.name: estimate for estimate in uncertainty.estimates},
@@ -79,9 +81,9 @@ def identifiability(
 
 
 def are_one(log_ratio: float, reach: float, total: float, *members: float) -> bool:
-    """True where two pairs show as the sum of their resistances: their time constants are nearly
+    """True if only the sum of two pairs' resistances is determined: their time constants are nearly
     the same, or may be (`reach` is half the interval of that logarithm) and the sum is known far
-    better than its members, by relative errors. Not where a bound decides one of these."""
+    better than its members, by relative errors. False if a bound decides one of these."""
     apart = abs(log_ratio)
     is_better = apart <= reach and total < SHARPER * min(members)
     return min(members) > 0 and (apart <= math.log(SAME_TAU) or is_better)
@@ -89,7 +91,7 @@ def are_one(log_ratio: float, reach: float, total: float, *members: float) -> bo
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """The covariance and estimates in which findings are looked for."""
+    """The covariance and estimates that are searched for findings."""
 
     covariance: Covariance
     estimates: dict[str, Estimate]
@@ -97,7 +99,7 @@ class _Search:
     duration_s: float
 
     def all(self, names: Sequence[ElementNames]) -> tuple[Undetermined, ...]:
-        """All findings. A parameter that one kind is about is left out by the next ones."""
+        """All findings. Each kind leaves out parameters that an earlier one covers."""
         covered: set[str] = set()
         findings: list[Undetermined] = []
 
@@ -126,10 +128,10 @@ class _Search:
         return Undetermined(kind, estimates, self.interval_s, self.duration_s, combined, log_steps)
 
     def too_fast(self, pair: ElementNames) -> Iterator[Undetermined]:
-        """A pair that is over within a sampling interval: below half of it, as the default box.
+        """A pair that ends within a sampling interval: below half of it, as in the default box.
 
-        Where a current is held from its sample on, such a pair still answers one sample after R0,
-        and a lively current tells the two apart; only its time constant is then hidden.
+        If a current is held from its sample on, such a pair still responds one sample after R0, and
+        a lively current distinguishes the two; only its time constant is then hidden.
         """
         tau, resistance = self.estimates[pair.tau], self.estimates[pair.resistance]
         if not tau.value <= 0.5 * self.interval_s * (1 + NEAR_LIMIT):
@@ -149,7 +151,7 @@ class _Search:
     def alike(
         self, faster: ElementNames, slower: ElementNames, covered: set[str]
     ) -> Iterator[Undetermined]:
-        """Neighboring time constants whose ratio may be 1, where the sum is better known."""
+        """Neighboring time constants whose ratio may be 1, if their sum is better known."""
         first, second = faster.tau, slower.tau
         if first in covered or second in covered:
             return
@@ -179,7 +181,7 @@ class _Search:
                 yield self.finding("loose", (name,))
 
     def weak_directions(self) -> Iterator[Undetermined]:
-        """Changes of several parameters at once that the data do not notice."""
+        """Changes of several parameters at once that hardly affect the errors."""
         names = self.covariance.linearization.names
         variances, directions = np.linalg.eigh(self.covariance.matrix)
         for variance, direction in zip(variances[::-1], directions.T[::-1], strict=True):
@@ -195,8 +197,8 @@ class _Search:
             yield self.finding("direction", members, combined, tuple(steps.tolist()))
 
     def sharpest(self, names: Sequence[str]) -> Estimate | None:
-        """The best known of the sums of resistances and the capacitances among `names`, where one
-        is known far better than its members."""
+        """The best known of the sums of resistances and the capacitances among `names`, if one is
+        known far better than its members."""
         resistances = sorted(filter(is_resistance, names))
         sharper = [
             total
@@ -212,7 +214,7 @@ class _Search:
         return min(sharper, key=lambda estimate: estimate.relative_error or 0.0, default=None)
 
     def sum_of(self, names: Sequence[str]) -> Estimate:
-        """Some resistances together in ohm, with the interval of the sum."""
+        """The sum of some resistances in ohm, with its interval."""
         values = [self.estimates[name].value for name in names]
         direction_of = self.covariance.linearization.direction_of
         direction = sum(
@@ -223,7 +225,7 @@ class _Search:
         return self.covariance.estimate(f"{label} [Ohm]", sum(values), np.asarray(direction))
 
     def is_sharper(self, total: Estimate, members: Sequence[str]) -> bool:
-        """True where the total is known far better than any of its members."""
+        """True if the total is known far better than any of its members."""
         errors = [self.estimates[name].relative_error for name in members]
         given = [error for error in errors if error is not None]
         if total.low is None or total.relative_error is None or len(given) < len(errors):
@@ -232,5 +234,5 @@ class _Search:
 
 
 def _is_tight(estimate: Estimate) -> bool:
-    """True where its interval ends within `LOOSE_FACTOR` of the value; false without one."""
+    """True if its interval ends within `LOOSE_FACTOR` of the value; False without one."""
     return estimate.low is not None and estimate.value / estimate.low <= LOOSE_FACTOR

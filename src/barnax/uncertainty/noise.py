@@ -1,19 +1,19 @@
-"""The noise behind a fit's residuals: how strong it is and how long it is correlated.
+"""The noise behind a fit's residuals: its strength and its correlation times.
 
 Voltage errors of a battery model are correlated over hundreds of seconds, so that 20,000 samples
-say no more than a few dozen would. Here they are taken for a stationary noise: a white part and
-parts whose correlation decays exponentially, with times from one sampling interval to a quarter of
-the record. The parts' variances are fitted to the autocovariance of the residuals, nonnegative, up
-to lags of half the record, each lag weighed by how the autocovariances scatter together under the
-noise that a plain fit finds (generalized least squares; Aitken, 1936). Of several records the
-longest counts, and none is correlated with another.
+contain no more information than a few dozen would. Here they are modeled as stationary noise: a
+white part and parts whose correlation decays exponentially, with times from one sampling interval
+to a quarter of the record. The parts' variances are fitted to the autocovariance of the residuals,
+nonnegative, up to lags of half the record, each lag weighted by the joint scatter of the
+autocovariances under the noise of a plain fit (generalized least squares; Aitken, 1936). With
+several records the longest sets these times, and none is correlated with another.
 
-A fit follows slow noise and so leaves too little of it in its residuals. This is undone: what is
-fitted is not each part's autocovariance but what is expected of it after the projection
-I - Q Q' onto the residuals (to first order in the parameters). Long correlations are otherwise
-understated, by a quarter and more where they reach a tenth of the record. The size of a
-part that the fit has followed almost wholly is not determined: it is shrunk toward zero, as by a
-prior whose deviation is `LARGEST_PART` times the residuals' variance (Hoerl and Kennard, 1970).
+A fit follows slow noise and so leaves too little of it in its residuals. This is undone: instead of
+each part's autocovariance, its expected value after the projection I - Q Q' onto the residuals is
+fitted (to first order in the parameters). Long correlations are otherwise understated, by a quarter
+and more at a tenth of the record. The size of a part that the fit has followed almost wholly is not
+determined: it is shrunk toward zero, as by a prior whose deviation is `LARGEST_PART` times the
+residuals' variance (Hoerl and Kennard, 1970).
 """
 
 import math
@@ -29,32 +29,32 @@ from scipy.optimize import nnls
 
 from ..metrics import t_quantile
 
-# Correlation times a decade, up to this share of the record, and lags an octave, up to that share:
-# twice as many change the intervals by less than their own spread between records.
+# Correlation times per decade, up to this share of the record, and lags per octave, up to that
+# share: twice as many change the intervals by less than their own spread between records.
 TIMES_PER_DECADE = 3
 LONGEST_TIME = 1 / 4
 LAGS_PER_OCTAVE = 2
 LONGEST_LAG = 1 / 2
 LARGEST_PART = 6.0
-# How the autocovariances scatter is known from a noise that is itself uncertain: each is given such
-# a share of its error besides, and of the largest error, so that none counts as known.
+# The scatter of the autocovariances is computed from a noise that is itself uncertain: each gets an
+# additional error of this share of its own, and of the largest error, so that none counts as known.
 SHARE_OF_ERROR, OF_LARGEST = 0.3, 0.01
-# Of the pairs of samples that an even clock has of a lag, fewer than this share count for less.
+# A lag with less than this share of the pairs of samples of an even clock has less weight.
 FEW_PAIRS = 1 / 2
-# Noises drawn where samples come in bursts, and the most slots that they are drawn in.
+# Noises drawn if samples come in bursts, and the most slots that they are drawn in.
 DRAWS = 100
 MAX_DRAWN = 2**17
-# Clocks finer than this many intervals a record are read in coarser slots.
+# Clocks with more intervals per record than this are read in coarser slots.
 MAX_SLOTS = 2**19
 
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """A fitted noise, and what it does to the coordinates of a projection.
+    """A fitted noise, and its effect on the coordinates of a projection.
 
     `correlation_s` holds each part's correlation time, 0 for the white one, `variance_v2` its
     variance. `spread_v2` is the covariance of Q' u, u being the noise and Q the projection's
-    orthonormal columns. `autocorrelation` is the residuals' own, at `lags_s`.
+    orthonormal columns. `autocorrelation` is that of the residuals, at `lags_s`.
     """
 
     correlation_s: Float[np.ndarray, "parts"]
@@ -78,8 +78,8 @@ class Noise:
     def reach(
         self, direction: Float[np.ndarray, "columns"], beside: float = 0.0, most: float = 1e6
     ) -> tuple[float, float, float]:
-        """The standard error of `direction` . Q' u with another variance `beside` that of the
-        noise, half its interval, and its degrees of freedom (Satterthwaite, 1946), limited."""
+        """The standard error of `direction` . Q' u with another variance `beside` added to the
+        noise's, half its interval, and its degrees of freedom (Satterthwaite, 1946), limited."""
         of_noise = float(direction @ self.spread_v2 @ direction)
         variance = of_noise + beside
         more = (variance / of_noise) ** 2 if of_noise > 0 else math.inf
@@ -101,8 +101,8 @@ class Noise:
         """Degrees of freedom of the variance of `direction` . Q' u.
 
         Satterthwaite (1946): twice its square over its own variance. That of a linear function of
-        the autocovariances is known but where samples come in bursts, and the fit has followed much
-        of what little there is: then noises are drawn and fitted again.
+        the autocovariances is known unless samples come in bursts and the fit has followed much of
+        the little there is: then noises are drawn and fitted again.
         """
         shares = np.einsum("i,pij,j->p", direction, self.parts_spread, direction)
         variance = float(shares @ self.variance_v2)
@@ -116,28 +116,28 @@ class Noise:
 
     @property
     def _is_bursty(self) -> bool:
-        """True where the samples fill less than half as many slots evenly, of not too many."""
+        """True if samples effectively fill less than half of not too many slots."""
         counts = self._counts
         is_uneven = counts.sum() ** 2 < len(counts) / 2 * (counts @ counts)
         return is_uneven and len(counts) <= MAX_DRAWN
 
     @cached_property
     def _uncertainty(self) -> Float[np.ndarray, "used used"]:
-        """The covariance of the variances of the parts that are there."""
+        """The covariance of the variances of the parts in use."""
         rows = _with_prior(self._whitening @ self._design)[:, self.variance_v2 > 0]
         by_bin = np.linalg.pinv(rows)[:, : len(self._whitening)] @ self._whitening
         return by_bin @ self._scatter_v4 @ by_bin.T
 
     @cached_property
     def _drawn(self) -> Float[np.ndarray, "draws parts"]:
-        """The parts' variances as fitted again to what a fit leaves of noises drawn like this."""
+        """The parts' variances refitted to the residuals of noises drawn like this one."""
         rng, white_v2 = np.random.default_rng(0), self.variance_v2[0]
         counts, columns, unit_v2 = self._counts, self._columns, self.variance_v2.sum()
         correlated = np.append(self._autocovariance[0] - white_v2, self._autocovariance[1:])
         amplitude = np.sqrt(np.maximum(_mirrored_spectrum(correlated, self._padded), 0.0))
         white = np.sqrt(white_v2 * counts)
         mean = columns / np.maximum(counts, 1.0)[:, None]
-        # White noise moves the coordinates by its sums in slots and by what differs within them.
+        # White noise moves the coordinates by its sums in slots and by its variation within them.
         values, vectors = np.linalg.eigh(self.parts_spread[0] - columns.T @ mean)
         within = vectors * np.sqrt(white_v2 * np.maximum(values, 0.0))
         drawn = np.empty((DRAWS, len(self.variance_v2)))
@@ -158,12 +158,12 @@ def fit_noise(
     longest_s: float | None = None,
     max_slots: int = MAX_SLOTS,
 ) -> Noise:
-    """The noise that left `error_v` behind after a least-squares fit.
+    """The noise that left `error_v` as residuals of a least-squares fit.
 
-    `columns` are orthonormal and span what the fit could follow. Samples may be uneven and have
-    gaps: time is read in slots of the median interval, empty where there was no sample.
-    `longest_s` is the duration of the longest of several records on one clock, further apart than
-    that; without it all is one record.
+    `columns` are orthonormal and span all that the fit could follow. Samples may be uneven and have
+    gaps: time is read in slots of the median interval, empty without a sample. `longest_s` is the
+    duration of the longest of several records on one clock, further apart than that; without it all
+    is one record.
     """
     slots = Slots.of(time_s, longest_s, max_slots)
     (noise,) = fit_gathered(
@@ -178,7 +178,7 @@ def fit_noise(
 
 @dataclass(frozen=True)
 class Slots:
-    """Even slots of time that samples are gathered in; `reach` is how many the longest record has.
+    """Even slots of time in which samples are gathered; the longest record has `reach` of them.
 
     A clock finer than `max_slots` is read in coarser ones.
     """
@@ -205,7 +205,7 @@ class Slots:
     def gathered(
         self, time_s: Float[np.ndarray, "samples"], values: Float[np.ndarray, "samples *columns"]
     ) -> Float[np.ndarray, "slots *columns"]:
-        """The sums of some samples' values in every slot, of times that rise."""
+        """The sums of the samples' values in every slot, for rising times."""
         slot = np.floor((time_s - self.start_s) / self.slot_s + 0.5).astype(int)
         first = np.flatnonzero(np.diff(slot, prepend=-1))
         sums = np.zeros((self.count, *values.shape[1:]))
@@ -222,7 +222,7 @@ def fit_gathered(
     columns: Float[np.ndarray, "slots columns"],
     squares_v2: Float[np.ndarray, "sides"],
 ) -> list[Noise]:
-    """The noise by sums over slots: the number of samples, and the sums of their errors and
+    """The noise from sums over slots: the number of samples, and the sums of their errors and
     columns; one for each of several voltages that share the columns. `squares_v2` are the errors'
     sums of squares.
     """
@@ -253,8 +253,8 @@ def fit_gathered(
     taken = np.einsum("bij,pij->bp", within, spread[1:]) - 2 * crossed
     expected = np.column_stack([white, _binned(pairs * decays, edges).T + taken])
 
-    # Every bin counts alike, as the mean over its pairs. Lags that no two samples have do not, and
-    # where an uneven clock has few pairs of a lag, that bin counts for less.
+    # Every bin has the same weight, as the mean over its pairs, except for lags without a pair of
+    # samples and for bins with few pairs on an uneven clock, which have less.
     total_pairs = _binned(pairs, edges)
     even_pairs = _binned((samples / slots.count) ** 2 * (slots.count - lag), edges)
     fewest = np.maximum(FEW_PAIRS * even_pairs, 0.5)
@@ -302,7 +302,7 @@ def fit_gathered(
 
 
 def _with_prior(design: Float[np.ndarray, "bins parts"]) -> Float[np.ndarray, "rows parts"]:
-    """A weighed design with a row for each correlated part that draws it toward zero."""
+    """A weighted design with a row for each correlated part that draws it toward zero."""
     return np.vstack([design, np.eye(design.shape[1])[1:] / LARGEST_PART])
 
 
@@ -311,7 +311,7 @@ def _variances(
     measured: Float[np.ndarray, "bins"],
     whitening: Float[np.ndarray, "bins bins"],
 ) -> Float[np.ndarray, "parts"]:
-    """The parts' variances that explain the autocovariances best, none negative."""
+    """The parts' variances that best explain the autocovariances, none negative."""
     rows = _with_prior(whitening @ design)
     return nnls(rows, np.pad(whitening @ measured, (0, len(rows) - len(measured))))[0]
 
@@ -380,7 +380,7 @@ def summed(
 def _at_lags(
     values: Float[np.ndarray, "slots"], edges: Int[np.ndarray, "edges"]
 ) -> Float[np.ndarray, "bins slots"]:
-    """The mean of what lies before and after each slot by the lags of every bin, summed."""
+    """The mean of the values before and after each slot at the lags of every bin, summed."""
     count, last = len(values), edges[-1]
     sums = np.append(0.0, np.cumsum(np.pad(values / 2, last)))
     within = np.empty((len(edges) - 1, count))

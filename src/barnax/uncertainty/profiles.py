@@ -1,4 +1,4 @@
-"""Profile likelihood: how the best error rises as one parameter is moved away from its value."""
+"""Profile likelihood: the rise of the best error as one parameter is moved away from its value."""
 
 import math
 from dataclasses import dataclass
@@ -16,15 +16,15 @@ from .covariance import Covariance, linearize, named_values
 if TYPE_CHECKING:
     from ..model.problem import Problem
 
-# Values to either side of the parameter's own.
+# Values on either side of the parameter's own.
 POINTS = 7
-# They first reach this many half-widths of the linear interval, then to the end of the box.
+# They first reach this many half-widths of the linear interval, then the end of the box.
 REACH = 2.0
 
 
 @dataclass(frozen=True)
 class ParameterProfile:
-    """The smallest RMSE for every one of some values of one parameter, the others refitted.
+    """The smallest RMSE for each of several values of one parameter, the others refitted.
 
     The interval holds the values whose RMSE is not above `threshold_v`; an end is None if the
     profile does not rise to it inside the box.
@@ -51,7 +51,7 @@ def profile(
 
     With independent residuals the interval would end where the squared error has risen by t^2 s^2;
     with correlated ones that rise is scaled by the square of the inflation factor (Kent, Biometrika
-    69 (1982) 19). `covariance` and `objective` may be given where they exist already. Raises
+    69 (1982) 19). `covariance` and `objective` may be passed if they exist already. Raises
     `InputError` for a name the circuit does not have or that is held.
     """
     values = named_values(parameters)
@@ -61,7 +61,7 @@ def profile(
         )
     covariance = covariance or Covariance.of(linearize(problem, parameters))
     if name in covariance.linearization.held:
-        # At a bound: the profile is what tells how far inside the box it may lie.
+        # At a bound: the profile shows how far inside the box it may lie.
         covariance = Covariance.of(linearize(problem, parameters, freed=(name,)))
     linearization = covariance.linearization
     direction, held = linearization.direction_of(name)
@@ -79,18 +79,18 @@ def profile(
     for other, reason in linearization.held.items():
         if reason != "fixed":
             objective = objective.fixing(other, values[other])
-    # What is made of one free parameter alone moves with that.
+    # A quantity that depends on one free parameter alone moves with it.
     moving = [one for one, share in zip(linearization.names, direction, strict=True) if share]
     moved, sign = (name, 1.0) if len(moving) > 1 else (moving[0], float(direction.sum()))
     rate = () if parameters.gamma is None else (parameters.gamma,)
     scales = tuple(np.log([*parameters.tau_s, *rate]).tolist())
     ordered = problem.bounds.interchangeable_pairs
     ends, least_v = {}, dict[float, float]()
-    # What a quantity is made of may all move: C is largest where its tau is and its R is smallest.
+    # All factors of a quantity may move: C is largest at the largest tau and the smallest R.
     box, free = problem.log_coordinates, list(linearization.free)
     lower, upper = (np.asarray(end)[free] for end in (box.lower, box.upper))
     for side in (-1, 1):
-        # As far as the parameters that it moves go together to their bounds.
+        # Until all parameters that it moves are at their bounds.
         corner = np.where(side * direction > 0, upper, lower)
         end = side * float(direction @ (corner - linearization.point[free]))
         first = np.unique(np.minimum(np.linspace(0.0, half_width, POINTS + 1), end))
@@ -128,9 +128,9 @@ def profile(
 
 
 def _crossing(root: dict[float, float], wanted: float) -> float | None:
-    """The step at which the profile rises to the threshold, None if it does not.
+    """The step at which the profile rises to the threshold; None if it does not.
 
-    The root of the rise is all but linear in the step, and is what is interpolated.
+    The root of the rise is nearly linear in the step, so it is interpolated.
     """
     steps, roots = [*root], [*root.values()]
     above = next((index for index, height in enumerate(roots) if height > wanted), None)

@@ -6,14 +6,11 @@ import numpy as np
 import pytest
 
 import barnax
-from barnax.cell import CircuitParameters
-from barnax.job import Job
+from barnax import CircuitParameters, Job, Result, Window
 from barnax.model.prepared import prepare_record
 from barnax.model.reference import simulate_circuit
-from barnax.model.window import Window
 from barnax.over_soc.cross_validation import SocErrors
 from barnax.reporting.first_screen import first_screen
-from barnax.results import Result
 from barnax.uncertainty.assessment import soc_bands
 from helpers.problems import drive_a
 from helpers.reference import make_record

@@ -8,9 +8,8 @@ import numpy as np
 import polars as pl
 import pytest
 
-from barnax import bundled
+from barnax import InputError, bundled
 from barnax.bundled import BUNDLED, BUNDLED_NAMES, HPPC_NAMES, LFP_NAMES, bundled_file
-from barnax.errors import InputError
 
 COLUMNS = ["Test Time / s", "Current / A", "Voltage / V"]
 TEMPERATURE = "Surface Temperature / degC"

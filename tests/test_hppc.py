@@ -5,10 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from barnax import Window, bundled_file, pipeline, read_record
-from barnax.cell import characterize
+from barnax import Window, bundled_file, characterize, hppc, pipeline, read_record
 from barnax.model.prepared import prepare_record
-from barnax.pipeline import hppc
 
 HPPC = bundled_file("hppc_25degC")
 

@@ -6,19 +6,10 @@ import numpy as np
 import polars as pl
 import pytest
 
+from barnax import FileCheck, InputError, Job, Notice, Window, check_file, identify
 from barnax.bundled import BUNDLED
-from barnax.checks import FileCheck, check_file
 from barnax.checks.roles import are_unfit
-from barnax.errors import InputError
-from barnax.inputs import (
-    input_warnings,
-    read_inputs,
-    windows_of,
-)
-from barnax.job import Job
-from barnax.model.window import Window
-from barnax.notices import Notice
-from barnax.pipeline import identify
+from barnax.inputs import input_warnings, read_inputs, windows_of
 from barnax.records import source_from_frame
 from helpers.records import logged
 

@@ -6,10 +6,7 @@ from dataclasses import replace
 import pytest
 
 import barnax
-from barnax.errors import InputError
-from barnax.job import Job
-from barnax.over_soc.settings import TableSettings
-from barnax.settings import Reading, Settings
+from barnax import InputError, Job, Reading, Settings, TableSettings
 
 
 def test_what_is_given_by_name_replaces_what_an_object_holds():

@@ -6,19 +6,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from barnax import identification, pack
+from barnax import TableSettings, Window, identification, pack, read_record, record_from_frame
 from barnax.bundled import BUNDLED
 from barnax.cell import CircuitParameters, characterize
 from barnax.cell.parameters import RATE
 from barnax.model.prepared import prepare_record
 from barnax.model.reference import simulate_circuit
 from barnax.model.sampling import resampled_share, resampling, source_shift_ohm
-from barnax.model.window import Window
 from barnax.over_soc.fits import TableFits
 from barnax.over_soc.node_interval import NodeInterval
 from barnax.over_soc.pack import PackCell, PackFit, Value
-from barnax.over_soc.settings import TableSettings
-from barnax.records import read_record, record_from_frame
 from helpers.problems import drive_a
 from helpers.reference import filtered_response
 

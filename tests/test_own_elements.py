@@ -4,17 +4,12 @@ import numpy as np
 import pytest
 
 import barnax
+from barnax import InputError, TableSettings, Window, evaluate, fit_tables, make_problem
 from barnax.cell import CircuitParameters, Element, make_circuit
-from barnax.errors import InputError
 from barnax.export import get_exporter
 from barnax.filters.model import ErrorModel, make_model
 from barnax.global_optimum.search import find_global_optimum
-from barnax.model.problem import make_problem
-from barnax.model.window import Window
-from barnax.over_soc.fit import fit_tables
-from barnax.over_soc.settings import TableSettings
 from barnax.pipeline import identify_problem
-from barnax.search.evaluate import evaluate
 from helpers.problems import drive_a
 from helpers.reference import filtered_response, make_record
 

@@ -6,16 +6,12 @@ import numpy as np
 import polars as pl
 import pytest
 
-from barnax.cell import CircuitParameters
-from barnax.errors import InputError
+from barnax import CircuitParameters, InputError, TableSettings, Window, identify_pack
 from barnax.fleet.manifest import cell_of
 from barnax.fleet.rows import identify_rows
 from barnax.model.prepared import prepare_record
-from barnax.model.window import Window
 from barnax.over_soc.pack import fit_pack
 from barnax.over_soc.record_factors import Grid, factors_of_cells, fit_factors
-from barnax.over_soc.settings import TableSettings
-from barnax.pack import identify_pack
 from barnax.records import record_from_frame, source_from_frame
 from barnax.records.read import read_pack
 from barnax.reporting.fleet import pack_document

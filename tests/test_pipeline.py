@@ -8,12 +8,8 @@ import polars as pl
 import pytest
 
 import barnax
-from barnax import identification
+from barnax import InputError, Notice, Result, Window, identification
 from barnax.bundled import BUNDLED
-from barnax.errors import InputError
-from barnax.model.window import Window
-from barnax.notices import Notice
-from barnax.results import Result
 from helpers import made_cell
 from helpers.problems import simulated_record
 

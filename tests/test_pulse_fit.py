@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from barnax import Result
+from barnax import Result, hppc
 from barnax.cli.app import app
 from barnax.export import EXPORTERS
-from barnax.pipeline import hppc
 from helpers.pulse_tests import CAPACITY_AH, R1_OHM, R2_OHM, TAU_S, made_record, r0_ohm
 
 

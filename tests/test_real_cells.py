@@ -8,12 +8,7 @@ import polars as pl
 import pytest
 from scipy.interpolate import PchipInterpolator
 
-from barnax.cell import characterize
-from barnax.model.problem import make_problem
-from barnax.model.window import Window
-from barnax.optimizers import make_optimizer
-from barnax.pipeline import identify
-from barnax.records import read_record
+from barnax import Window, characterize, identify, make_optimizer, make_problem, read_record
 from barnax.search.evaluate import evaluate, validate
 from barnax.search.seeds import refine, search_seeds
 from helpers.reference import banded_response, drop_v, fit_circuit

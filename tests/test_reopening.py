@@ -9,13 +9,10 @@ import polars as pl
 import pytest
 
 import barnax
+from barnax import InputError, Result, Window, read_record
 from barnax.bundled import BUNDLED
-from barnax.errors import InputError
-from barnax.model.window import Window
-from barnax.records import read_record
 from barnax.reopening import StoredInputs
 from barnax.reporting.illustrations import identification_illustrations
-from barnax.results import Result
 
 SMALL = {"seeds": 2, "population": 8, "iterations": 5, "trust": "none"}
 # Names and content that the bundled cell has not.

@@ -5,17 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from barnax import FilterSettings, InputError, Window, identify
 from barnax.bundled import BUNDLED
 from barnax.cell import Dependence, InterpolatedCurve
-from barnax.errors import InputError
-from barnax.model.window import Window
-from barnax.pipeline import identify
 from barnax.plots import plot_soc_replay
 from barnax.replay import Scenario, SocReplay, replay_soc
 from barnax.reporting.replay import soc_screen
 from barnax.reporting.terminal import to_text
 from barnax.reporting.wording import sentences
-from barnax.result_filter import FilterSettings
 from barnax.scenarios import converged
 from helpers.results import make_record, make_result, make_table_result
 

@@ -8,11 +8,9 @@ from dataclasses import replace
 import pytest
 
 import barnax
+from barnax import Result, Window, find_global_optimum
 from barnax.bundled import BUNDLED
-from barnax.global_optimum.search import find_global_optimum
 from barnax.identification import best_of
-from barnax.model.window import Window
-from barnax.results import Result
 
 SEARCH = {"method": "bmo", "coordinates": "log", "population": 8, "iterations": 4, "key": 3}
 OPTIONS = {

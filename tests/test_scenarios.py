@@ -5,11 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from barnax import Window, identify, replay_soc
 from barnax.execution import in_float64
 from barnax.model.prepared import prepare_record
-from barnax.model.window import Window
-from barnax.pipeline import identify
-from barnax.replay import replay_soc
 from barnax.result_filter import model_of
 from barnax.scenarios import Scenario, case_of, first_with_room
 from helpers.results import make_record, make_result

@@ -14,12 +14,10 @@ from benchmarks.schema import notices_page
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from barnax import InputError, Notice, Result
 from barnax.cli.session import as_flags
-from barnax.errors import InputError
-from barnax.notices import Notice
 from barnax.reporting.first_screen import first_screen
 from barnax.reporting.terminal import to_text
-from barnax.results import Result
 from helpers.golden import RESULT
 from helpers.hostile import EXAMPLES, damaged, repeated
 

@@ -5,11 +5,9 @@ import csv
 import numpy as np
 import pytest
 
-from barnax import Result
+from barnax import InputError, Result, hppc
 from barnax.cell.parameters import OCV_CORRECTION
-from barnax.errors import InputError
 from barnax.experiment.prior import prior_of_result
-from barnax.pipeline import hppc
 from barnax.reporting.first_screen import first_screen
 from barnax.reporting.identification import identification_document
 from barnax.reporting.parameters import tables_csv

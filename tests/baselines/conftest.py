@@ -5,9 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from barnax import Problem, Window, make_problem
 from barnax.model.prepared import prepare_record
-from barnax.model.problem import Problem, make_problem
-from barnax.model.window import Window
 from helpers.reference import drop_v, filtered_response, make_record
 
 SAMPLES = 4000

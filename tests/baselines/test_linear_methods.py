@@ -5,13 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from barnax import Window, evaluate, make_problem
 from barnax.baselines import METHODS, Budget, MethodFailure
 from barnax.baselines.online import middle_of
 from barnax.baselines.regression import circuit_values, even_samples, regression, state_matrix
 from barnax.model.prepared import prepare_record
-from barnax.model.problem import make_problem
-from barnax.model.window import Window
-from barnax.search.evaluate import evaluate
 from helpers.reference import banded_response, drop_v, make_record
 
 TWO_PAIRS = (0.05, (0.02, 0.03), (8.0, 90.0))

@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from barnax import OPTIMIZERS, evaluate
 from barnax.baselines import BESIDE_OPTIMIZERS, METHODS, Budget, MethodFailure
 from barnax.baselines.method import generator_of, latin_hypercube
-from barnax.optimizers import OPTIMIZERS
-from barnax.search.evaluate import evaluate
 
 # One budget and one length of record, so that all tests share each method's compiled program.
 BUDGET = Budget(population=8, iterations=60, seeds=3, key=7)

@@ -5,10 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from barnax.baselines import METHODS, Budget
-from barnax.cell import CircuitParameters
-from barnax.model.problem import make_problem
-from barnax.search.evaluate import evaluate
+from barnax import METHODS, Budget, CircuitParameters, evaluate, make_problem
 from helpers.reference import drop_v, filtered_response, fit_circuit
 
 NOISY = (0.05, (0.02, 0.03), (8.0, 90.0))

@@ -4,8 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from barnax.cell import CircuitParameters
-from barnax.errors import InputError
+from barnax import CircuitParameters, InputError
 
 positive = st.floats(1e-6, 1e6)
 

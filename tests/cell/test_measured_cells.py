@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from barnax.cell import characterize
-from barnax.records import read_record
+from barnax import characterize, read_record
 
 INCREMENTAL = "calce-inr18650-20r/ocv-incremental_25degC_SP20-3.parquet"
 

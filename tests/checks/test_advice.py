@@ -7,12 +7,10 @@ import polars as pl
 import pytest
 
 import barnax
+from barnax import InputError, Job, Reading
 from barnax.cli.options import windows_of
-from barnax.errors import InputError
 from barnax.inputs import InputFile, read_inputs, require_voltages, warnings_about
-from barnax.job import Job
 from barnax.records import source_from_frame
-from barnax.settings import Reading
 from checks.test_findings import CAPACITY_AH, FAULTS
 from helpers.records import CURRENT, changed, frame, with_counters
 

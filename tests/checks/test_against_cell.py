@@ -5,15 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from barnax.cell import characterize
+from barnax import Notice, characterize, read_record
 from barnax.checks.against_cell import (
     compare_resistances,
     compare_temperatures,
     compare_with_cell,
     follow,
 )
-from barnax.notices import Notice
-from barnax.records import read_record
 
 
 def said(record, cell, **options):

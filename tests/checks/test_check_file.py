@@ -9,9 +9,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 import barnax.records.source
+from barnax import InputError, check_file
 from barnax.bundled import BUNDLED_NAMES, bundled_file
-from barnax.checks import check_file
-from barnax.errors import InputError
 from barnax.records import read_record, read_source, record_from_frame, source_from_frame
 from helpers.records import CURRENT, TIME, VOLTAGE, changed, checked, counting, finding, frame
 

@@ -11,10 +11,8 @@ import polars as pl
 import pytest
 from scipy.signal import lfilter
 
+from barnax import InputError, check_file, read_record
 from barnax.bundled import BUNDLED_NAMES
-from barnax.checks import check_file
-from barnax.errors import InputError
-from barnax.records import read_record
 from barnax.records.source import read_source
 from helpers.golden import require_golden
 from helpers.records import (

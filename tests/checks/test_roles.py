@@ -5,10 +5,8 @@ import polars as pl
 import pytest
 
 import barnax
-from barnax.bundled import bundled_file
-from barnax.checks import check_file
+from barnax import InputError, bundled_file, check_file
 from barnax.checks.check_input import _half_width
-from barnax.errors import InputError
 from helpers.records import CURRENT, VOLTAGE, checked, frame, logged
 
 

@@ -6,9 +6,8 @@ import numpy as np
 import polars as pl
 import pytest
 
+from barnax import InputError, check_file
 from barnax.bundled import BUNDLED_NAMES
-from barnax.checks import check_file
-from barnax.errors import InputError
 from barnax.records import record_from_frame, source_from_frame
 from helpers.records import (
     CAPACITY_AH,

@@ -6,11 +6,9 @@ import shutil
 
 import pytest
 
+from barnax import ComparisonResult, InputError, compare_files
 from barnax.bundled import BUNDLED
 from barnax.cli import compare as command
-from barnax.comparison import ComparisonResult
-from barnax.comparison.run import compare_files
-from barnax.errors import InputError
 from barnax.over_soc.cross_validation import SocErrors
 from barnax.reporting.view import View
 from barnax.reporting.wording import wording

@@ -10,12 +10,11 @@ from typer.main import get_command
 from typer.testing import CliRunner
 
 import barnax
+from barnax import Notice, Window
 from barnax.cli.app import app
 from barnax.cli.options import windows_of
 from barnax.cli.session import RESEARCH, Session, as_flags
 from barnax.job import PLANNED
-from barnax.model.window import Window
-from barnax.notices import Notice
 
 SOURCES = [path for path in Path(barnax.__file__).parent.rglob("*.py") if "plots" not in path.parts]
 # An option in a message, with its value if it has one.

@@ -7,12 +7,8 @@ import numpy as np
 import pytest
 from scipy.optimize import differential_evolution
 
-from barnax.baselines import Budget
-from barnax.comparison import ComparisonJob, ComparisonResult, compare
-from barnax.errors import InputError
-from barnax.model.window import Window
+from barnax import Budget, ComparisonJob, ComparisonResult, InputError, Window, compare, validate
 from barnax.search.answers import SAME_RMSE
-from barnax.search.evaluate import validate
 
 WINDOW = Window(score_to_s=1500.5)
 ROWS = (("1rc", "ls"), ("so-rc", "varpro"), ("so-rc", "pso"), ("iso-rc", "pso"), ("esc", "rls"))

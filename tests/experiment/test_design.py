@@ -12,8 +12,7 @@ import pytest
 from scipy.linalg import toeplitz
 
 import barnax
-from barnax.errors import InputError
-from barnax.experiment import Block
+from barnax import Block, InputError
 from barnax.experiment.information import columns_of, information_of, widths_of
 from barnax.experiment.prior import prior_of_chemistry
 from barnax.experiment.protocol import sampled, voltage_along

@@ -7,13 +7,11 @@ import pytest
 from scipy.signal import lfilter
 
 import barnax
+from barnax import Evaluation, characterize, read_record
 from barnax.bundled import BUNDLED
-from barnax.cell import characterize
 from barnax.experiment.information import LEFT_OUT_NODES, columns_of
 from barnax.experiment.prior import counting, prior_of_chemistry
 from barnax.model.prepared import Window, prepare_record
-from barnax.records import read_record
-from barnax.search.evaluate import Evaluation
 
 
 @pytest.fixture(scope="module")

@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 
 import barnax
-from barnax.bundled import bundled_file
+from barnax import InputError, bundled_file, read_record
 from barnax.cell.curves import InterpolatedCurve
-from barnax.errors import InputError
 from barnax.experiment.prior import prior_of
 from barnax.experiment.protocol import sampled
-from barnax.records import read_record
 from barnax.reporting.design import planned_screen
 from barnax.reporting.design_forms import procedure, pybamm_script
 from barnax.reporting.wording import wording

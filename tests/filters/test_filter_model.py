@@ -5,15 +5,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from barnax import InputError, Window, evaluate
 from barnax.cell import CircuitParameters, Dependence
-from barnax.errors import InputError
 from barnax.execution import in_float64
 from barnax.filters import Drive, ErrorModel, make_model
 from barnax.model.prepared import prepare_record
 from barnax.model.reference import simulate_circuit
-from barnax.model.window import Window
 from barnax.result_filter import model_of
-from barnax.search.evaluate import evaluate
 from helpers.results import PAIRS, PAIRS_OF, make_cell, make_record, make_result, with_constant
 
 NODES = (0.0, 0.2, 0.5, 1.0)

@@ -9,16 +9,12 @@ from types import SimpleNamespace
 import polars as pl
 import pytest
 
+from barnax import InputError, Window, characterize, make_problem, read_record
 from barnax.bundled import BUNDLED
-from barnax.cell import characterize
-from barnax.errors import InputError
 from barnax.execution import AtOnce
 from barnax.fleet import FleetCell, cell_of, identify_fleet, read_manifest
 from barnax.fleet.dataset import read_rows
 from barnax.fleet.rows import identify_rows
-from barnax.model.problem import make_problem
-from barnax.model.window import Window
-from barnax.records import read_record
 
 from .conftest import SAMPLES, require_equal
 

@@ -5,11 +5,9 @@ from dataclasses import replace
 import polars as pl
 import pytest
 
+from barnax import Reading, read_manifest, read_record
 from barnax.fleet.engine import SAMPLED, loggers_of_fleet
-from barnax.fleet.manifest import read_manifest
 from barnax.fleet.rows import sources_of
-from barnax.records import read_record
-from barnax.settings import Reading
 from helpers.records import CURRENT, TIME, VOLTAGE
 from records.test_logger import in_time
 

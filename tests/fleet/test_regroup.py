@@ -3,10 +3,9 @@
 import pytest
 
 import barnax
+from barnax import FleetCell, InputError, identify_fleet
 from barnax.cell.parameters import ANYWHERE
-from barnax.errors import InputError
 from barnax.factors import factors_to_bytes
-from barnax.fleet import identify_fleet
 from barnax.fleet.dataset import (
     dataset_path,
     factors_path,
@@ -15,7 +14,6 @@ from barnax.fleet.dataset import (
     regrouped,
     write_rows,
 )
-from barnax.fleet.manifest import FleetCell
 from barnax.fleet.rows import identify_rows
 from barnax.model.prepared import Window, prepare_record
 from barnax.over_soc.record_factors import Grid, factors_of

@@ -7,10 +7,9 @@ import uuid
 import polars as pl
 import pytest
 
-from barnax.errors import InputError
+from barnax import InputError, identify_fleet, read_manifest
 from barnax.execution import AtOnce
 from barnax.files import fetched, located
-from barnax.fleet import identify_fleet, read_manifest
 from barnax.fleet.dataset import FACTORS, opened, read_rows, regrouped
 from barnax.fleet.rows import identify_rows
 

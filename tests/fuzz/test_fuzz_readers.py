@@ -5,10 +5,8 @@ import polars as pl
 import pytest
 from hypothesis import strategies as st
 
+from barnax import InputError, Record, check_file, read_record, record_from_frame
 from barnax.cell import OcvTable, read_ocv_test
-from barnax.checks import check_file
-from barnax.errors import InputError
-from barnax.records import Record, read_record, record_from_frame
 from helpers.hostile import EXAMPLES, LETTERS, damaged, repeated
 from helpers.records import CURRENT, TIME, VOLTAGE, good_files, parquet, pulse_frame, sheet
 

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
+from barnax import Window, make_problem
 from barnax.global_optimum.certificate import _bound
 from barnax.global_optimum.objective import ConstantObjective
 from barnax.global_optimum.proof import THIRD_DERIVATIVE, beyond_parabola
-from barnax.model.problem import make_problem
-from barnax.model.window import Window
 from helpers.problems import drive_record
 
 BOXES = [

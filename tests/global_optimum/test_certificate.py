@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.optimize import lsq_linear
 
-from barnax.cell import CircuitParameters
+from barnax import CircuitParameters, Window, evaluate
 from barnax.global_optimum.certificate import CERTIFIED_GAP, certify
 from barnax.global_optimum.objective import ConstantObjective
 from barnax.global_optimum.proof import THIRD_DERIVATIVE, lowest_of_parabola
@@ -18,8 +18,6 @@ from barnax.global_optimum.search import GRID
 from barnax.model.descent import GridSizes, lowest_scales, minima_of
 from barnax.model.problem import make_problem, rmse_by_scan
 from barnax.model.search_space import Bounds
-from barnax.model.window import Window
-from barnax.search.evaluate import evaluate
 from barnax.uncertainty.covariance import named_values
 from helpers.problems import drive_record
 from helpers.reference import banded_response, make_record

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
+from barnax import Window, make_problem
 from barnax.global_optimum.objective import ConstantObjective
 from barnax.model.descent import polish
-from barnax.model.problem import make_problem
-from barnax.model.window import Window
 
 IN_FARAD = {"R0 [Ohm]": (1e-3, 0.03), "C1 [F]": (100.0, 300.0), "C2 [F]": (2000.0, 9000.0)}
 

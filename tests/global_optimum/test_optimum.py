@@ -6,13 +6,12 @@ from functools import partial
 import jax
 import pytest
 
+from barnax import find_global_optimum, optimality_gap, refine, search_seeds
 from barnax.global_optimum import search
 from barnax.global_optimum.objective import ConstantObjective
-from barnax.global_optimum.search import find_global_optimum, optimality_gap
 from barnax.model.descent import lowest_scales
 from barnax.model.problem import rmse_by_scan
 from barnax.search.answers import AtBound
-from barnax.search.seeds import refine, search_seeds
 from helpers.problems import other_problem
 from helpers.reference import drop_v, filtered_response, fit_circuit
 

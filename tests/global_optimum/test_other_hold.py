@@ -5,14 +5,11 @@ import polars as pl
 import pytest
 
 import barnax
+from barnax import Window, evaluate, make_problem, read_record, record_from_frame
 from barnax.bundled import BUNDLED
 from barnax.cell import CircuitParameters, characterize
 from barnax.global_optimum.search import find_global_optimum, with_better_hold
 from barnax.model.prepared import prepare_record
-from barnax.model.problem import make_problem
-from barnax.model.window import Window
-from barnax.records import read_record, record_from_frame
-from barnax.search.evaluate import evaluate
 from helpers.records import CURRENT, TIME, VOLTAGE
 
 WINDOW = Window(initial_soc=0.9)

@@ -3,11 +3,8 @@
 import numpy as np
 import pytest
 
-from barnax.cell import characterize
+from barnax import Window, characterize, make_problem, read_record
 from barnax.global_optimum.search import find_global_optimum, without_sweep_drop
-from barnax.model.problem import make_problem
-from barnax.model.window import Window
-from barnax.records import read_record
 from helpers.ocv_tests import CAPACITY_AH, KNOTS, average_v
 from helpers.reference import drop_v, filtered_response, make_record
 

@@ -5,20 +5,12 @@ from functools import cache
 
 import numpy as np
 
-from barnax import CircuitParameters, bundled_file, characterize, read_record
+from barnax import CellModel, CircuitParameters, Notice, bundled_file, characterize, read_record
 from barnax.baselines import Answer, Budget
-from barnax.cell import CellModel
 from barnax.comparison import ComparisonResult, Row
-from barnax.comparison.result import (
-    Difference,
-    ModelPart,
-    RecordErrors,
-    Resampled,
-    SeedPairs,
-)
+from barnax.comparison.result import Difference, ModelPart, RecordErrors, Resampled, SeedPairs
 from barnax.global_optimum.search import GlobalOptimum
 from barnax.metrics import Metrics
-from barnax.notices import Notice
 from barnax.records import Decision
 from barnax.result_parts import InputPart
 from barnax.search.answers import Optimum, RefinedSeed

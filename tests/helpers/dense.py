@@ -4,9 +4,8 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.stats import t as student
 
+from barnax import TableSettings, Window
 from barnax.model.prepared import prepare_record
-from barnax.model.window import Window
-from barnax.over_soc.settings import TableSettings
 from barnax.uncertainty.noise import fit_noise
 from helpers.made_cell import cell_with_ocv, ocv_v
 from helpers.problems import drive_a

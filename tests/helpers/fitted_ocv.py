@@ -2,12 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 
-from barnax.model.window import Window
+from barnax import Record, TableSettings, Window
 from barnax.over_soc.fitted_ocv import FittedOcv, prove_with_ocv
 from barnax.over_soc.problem import find_best, reduced_objective
-from barnax.over_soc.settings import TableSettings
 from barnax.over_soc.starts import UntestedRecords
-from barnax.records import Record
 
 
 def fit_with_ocv(

@@ -10,13 +10,10 @@ import jax
 import pytest
 import threadpoolctl
 
+from barnax import Record, Refinement, Search, Window, make_optimizer, read_record
 from barnax.bundled import BUNDLED
 from barnax.cell import CIRCUITS, ELEMENTS, CellModel, characterize
 from barnax.model.problem import Problem, make_problem
-from barnax.model.window import Window
-from barnax.optimizers import make_optimizer
-from barnax.records import Record, read_record
-from barnax.search.answers import Refinement, Search
 from barnax.search.seeds import refine, search_seeds
 
 from .shared import SET, SHARED

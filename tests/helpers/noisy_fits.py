@@ -6,14 +6,11 @@ from functools import cached_property
 import numpy as np
 from scipy.signal import lfilter
 
-from barnax.cell import CircuitParameters
+from barnax import Assessment, CircuitParameters, Window, assess, make_optimizer
 from barnax.model.problem import Problem, make_problem
-from barnax.model.window import Window
-from barnax.optimizers import make_optimizer
 from barnax.records import Decision, Hold
 from barnax.search.answers import SeedAnswer
 from barnax.search.seeds import refine, search_of
-from barnax.uncertainty import Assessment, assess
 from helpers.reference import drop_v, filtered_response
 
 TRUTH = CircuitParameters.constant(r0=0.05, r=(0.02, 0.03), c=(10 / 0.02, 120 / 0.03))

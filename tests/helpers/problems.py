@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from barnax.model.problem import make_problem
-from barnax.model.window import Window
+from barnax import Window, make_problem
 from helpers.reference import drop_v, looped_response, make_record
 
 CLOCKS = ("even", "uneven", "gaps")

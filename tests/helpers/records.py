@@ -8,10 +8,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from barnax.bundled import bundled_file
-from barnax.checks import check_file
-from barnax.errors import InputError
-from barnax.records import read_record
+from barnax import InputError, bundled_file, check_file, read_record
 from helpers.reference import drop_v, filtered_response
 
 PAIRS = ((0.01, 8.0), (0.02, 90.0))

@@ -5,6 +5,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from barnax import Evaluation, Record, Result, TableFit, TableSettings, Window
 from barnax.cell import (
     CellModel,
     CircuitParameters,
@@ -16,16 +17,10 @@ from barnax.cell import (
 from barnax.metrics import Metrics
 from barnax.model.prepared import PreparedRecord
 from barnax.model.start import Start
-from barnax.model.window import Window
 from barnax.over_soc.cross_validation import SocErrors
-from barnax.over_soc.fit import TableFit
 from barnax.over_soc.fits import TableFits
 from barnax.over_soc.node_interval import NodeInterval
-from barnax.over_soc.settings import TableSettings
-from barnax.records.record import Record
 from barnax.result_parts import ConstantPart, InputPart, MetricsBlock
-from barnax.results import Result
-from barnax.search.evaluate import Evaluation
 from barnax.uncertainty import Assessment, Band, Diagnostics, Identifiability, Uncertainty
 from barnax.uncertainty.covariance import NoiseParts
 from helpers.reference import make_record as record_of

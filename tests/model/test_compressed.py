@@ -13,13 +13,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from threadpoolctl import threadpool_limits
 
+from barnax import Window, evaluate, make_optimizer, search_many, search_seeds
 from barnax.cell import CIRCUITS, CircuitParameters
 from barnax.model.prepared import BLOCK
 from barnax.model.problem import Objective, make_problem, residuals, rmse, rmse_by_scan
-from barnax.model.window import Window
-from barnax.optimizers import make_optimizer
-from barnax.search.evaluate import evaluate
-from barnax.search.seeds import search_many, search_seeds
 from helpers.problems import CLOCKS, drive_record
 from helpers.reference import banded_response, drop_v
 from helpers.scan import rc_parameters

@@ -8,11 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from barnax.cell import CircuitParameters
+from barnax import CircuitParameters, Window
 from barnax.execution import in_float64
 from barnax.model.prepared import prepare_record
 from barnax.model.problem import make_problem, residuals
-from barnax.model.window import Window
 from helpers.reference import drop_v, looped_response, make_record
 from helpers.scan import rc_parameters, terminal_voltage
 

@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from barnax import InputError, make_problem
 from barnax.cell import CIRCUITS, CircuitParameters
 from barnax.cell.circuits import loops
-from barnax.errors import InputError
 from barnax.model.prepared import prepare_record, soc_along
-from barnax.model.problem import make_problem
 from barnax.model.window import Window, first_sample, scored_samples
 from barnax.search.evaluate import both_directions, evaluate
 from barnax.settings import Registration

@@ -9,12 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from barnax.cell import CircuitParameters
+from barnax import CircuitParameters, Window, evaluate
 from barnax.execution import in_float64
 from barnax.model.problem import FACTOR_STEP, make_problem, rmse_by_scan
 from barnax.model.simulate import SimulationInput
-from barnax.model.window import Window
-from barnax.search.evaluate import evaluate
 from barnax.uncertainty.covariance import linearize
 from helpers.problems import drive_a
 from helpers.reference import make_record

@@ -8,11 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from barnax.cell import CircuitParameters
-from barnax.errors import InputError
+from barnax import CircuitParameters, InputError, Window
 from barnax.model.compressed import Coordinates
 from barnax.model.problem import make_problem, residuals, rmse, rmse_by_scan
-from barnax.model.window import Window
 from helpers.reference import drop_v, looped_response
 from helpers.scan import rc_parameters
 

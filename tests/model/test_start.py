@@ -5,10 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from barnax.errors import InputError
+from barnax import InputError, Window, make_problem
 from barnax.model.prepared import prepare_record
-from barnax.model.problem import make_problem
-from barnax.model.window import Window
 from helpers.problems import simulated_record
 from helpers.reference import make_record
 

@@ -10,18 +10,14 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 import barnax
+from barnax import Job, assess, find_global_optimum, make_problem, read_record
 from barnax.bundled import BUNDLED
 from barnax.cell import characterize, read_ocv_test
 from barnax.cell.ocv_points import find_rest_sweeps
-from barnax.global_optimum.search import find_global_optimum
-from barnax.job import Job
 from barnax.model.prepared import prepare_record
-from barnax.model.problem import make_problem
 from barnax.model.window import Window, mean_at_rest
 from barnax.plan.running import prepare_pulse_tests
-from barnax.records import read_record
 from barnax.run_setup import with_joint_starts
-from barnax.uncertainty import assess
 from helpers.problems import drive_a, simulated_record
 from helpers.reference import make_record
 from helpers.shared import CASES, needs_cases

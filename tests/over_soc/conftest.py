@@ -4,10 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from barnax.cell import characterize
+from barnax import TableSettings, characterize, read_record
 from barnax.model.prepared import Window, prepare_record
-from barnax.over_soc.settings import TableSettings
-from barnax.records import read_record
 
 # Few nodes and a narrow box, so that a factor is small.
 NODES = (0.3, 0.5, 0.7, 0.85, 1.0)

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
+from barnax import TableSettings, Window
 from barnax.cell.parameters import OCV
 from barnax.cell.tables import hats
-from barnax.model.window import Window
 from barnax.over_soc.node_interval import TableCurve, sag_of
-from barnax.over_soc.settings import TableSettings
 from barnax.settings import NODES
 from helpers.fitted_ocv import fit_with_ocv
 from helpers.made_cell import R0_OHM, made, ocv_v

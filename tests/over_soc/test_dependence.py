@@ -9,14 +9,12 @@ import pytest
 from scipy.signal import lfilter
 
 import barnax
-from barnax import InputError
+from barnax import InputError, TableSettings, Window
 from barnax.cell import CircuitParameters, Dependence, TemperatureTables
 from barnax.cell.dependence import arrhenius_beta, between, heat_of
 from barnax.model.prepared import prepare_record
-from barnax.model.window import Window
 from barnax.over_soc.intervals import intervals_of
 from barnax.over_soc.problem import reduced_objective
-from barnax.over_soc.settings import TableSettings
 from helpers.made_cell import FEW_NODES, R0_OHM, SMALL, TAU_S, cell_with_ocv, made, ocv_v
 
 BETA, REFERENCE_DEGC = 0.06, 10.0

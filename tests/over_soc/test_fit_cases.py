@@ -7,11 +7,9 @@ import numpy as np
 import polars as pl
 import pytest
 
-from barnax import identify
-from barnax.model.window import Window
+from barnax import TableSettings, Window, identify
 from barnax.over_soc.fit import _bound_warning
 from barnax.over_soc.intervals import _held_level
-from barnax.over_soc.settings import TableSettings
 from barnax.search.answers import AtBound
 from helpers.made_cell import SMALL
 from helpers.reference import filtered_response

@@ -8,16 +8,12 @@ import pytest
 from benchmarks.operation import KINDS, NOISE_V, NOMINAL_AH, Cell
 
 import barnax
+from barnax import InputError, TableSettings, Window, characterize, read_record
 from barnax.bundled import BUNDLED
-from barnax.cell import characterize
 from barnax.cell.parameters import OCV
-from barnax.errors import InputError
 from barnax.export.tables import tables_of
 from barnax.model.prepared import prepare_record
-from barnax.model.window import Window
 from barnax.over_soc.fit import pooled_errors
-from barnax.over_soc.settings import TableSettings
-from barnax.records import read_record
 from barnax.records.log import in_means
 from barnax.settings import NODES
 from helpers.fitted_ocv import fit_with_ocv

@@ -8,17 +8,14 @@ import numpy as np
 import pytest
 
 import barnax
-from barnax.cell import characterize
+from barnax import TableSettings, Window, characterize, read_record
 from barnax.cell.parameters import RATE
 from barnax.model.prepared import prepare_record
-from barnax.model.window import Window
 from barnax.over_soc.fit import fit_tables, pooled_errors
 from barnax.over_soc.nuisances import reads_zero_at_rest
 from barnax.over_soc.registration import FAR_V, counted_alike, register_alone, rest_warnings
-from barnax.over_soc.settings import TableSettings
 from barnax.over_soc.starts import UntestedRecords
 from barnax.pipeline import _between_ends
-from barnax.records import read_record
 from barnax.run_setup import register_all
 from benchmarks import operation
 from helpers.made_cell import FEW_NODES, R0_OHM, R_OHM, SMALL, TAU_S, cell_with_ocv, made, ocv_v

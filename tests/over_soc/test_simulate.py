@@ -5,10 +5,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from barnax.cell import CircuitParameters
+from barnax import CircuitParameters, InputError
 from barnax.cell.parameters import OCV_CORRECTION
 from barnax.cell.tables import hats
-from barnax.errors import InputError
 from barnax.execution import in_float64
 from barnax.model.reference import simulate_circuit
 from helpers.scan import rc_parameters, terminal_voltage

@@ -6,15 +6,10 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from barnax.cell import CircuitParameters
-from barnax.errors import InputError
+from barnax import CircuitParameters, InputError, TableSettings
 from barnax.model.reference import simulate_circuit
 from barnax.over_soc.fit import fit_tables, pooled_errors
-from barnax.over_soc.settings import TableSettings
-from barnax.over_soc.temperature import (
-    fit_temperatures,
-    group_by_temperature,
-)
+from barnax.over_soc.temperature import fit_temperatures, group_by_temperature
 
 from .conftest import NODES, SMALL
 

@@ -6,11 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import barnax
-from barnax.checks import check_file
-from barnax.errors import InputError
+from barnax import InputError, check_file, read_record
 from barnax.plan import plan
 from barnax.pulses import first_pulse
-from barnax.records import read_record
 from helpers.made_cell import FEW_NODES, SMALL
 from helpers.shared import CASES, needs_cases
 from helpers.three_tests import (

@@ -8,14 +8,13 @@ import polars as pl
 import pytest
 
 import barnax
+from barnax import InputError, Result
 from barnax.bundled import BUNDLED
-from barnax.errors import InputError
 from barnax.plan import plan, plan_from_toml, plan_to_toml
 from barnax.plan.running import planned
 from barnax.records import Source, read_record
 from barnax.records.log import _concatenated, joined
 from barnax.records.table import Table
-from barnax.results import Result
 from helpers.records import CURRENT, TIME, VOLTAGE
 
 SMALL = {"model": "so-rc", "seeds": 0, "trust": "none"}

@@ -8,11 +8,10 @@ import polars as pl
 import pytest
 
 import barnax
+from barnax import InputError, Reading
 from barnax.bundled import BUNDLED, bundled_file
-from barnax.errors import InputError
 from barnax.plan import looking, plan, plan_of, planned_window
 from barnax.records import read_source
-from barnax.settings import Reading
 from helpers.ocv_tests import slow_sweep
 from helpers.records import CURRENT, TIME, VOLTAGE, frame, logged, once, with_counters
 

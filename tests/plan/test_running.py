@@ -7,14 +7,12 @@ from pathlib import Path
 import pytest
 
 import barnax
+from barnax import InputError, Result, read_record
 from barnax.bundled import BUNDLED
-from barnax.errors import InputError
 from barnax.plan import Plan, plan, plan_from_toml, plan_to_toml
 from barnax.plan.document import FileRole
 from barnax.plan.running import planned
-from barnax.records import read_record
 from barnax.reporting.wording import table
-from barnax.results import Result
 from cli.conftest import run_command
 from helpers.records import pulse_frame
 

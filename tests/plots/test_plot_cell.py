@@ -6,14 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from barnax import CircuitParameters, bundled_file, characterize, read_record
+from barnax import CircuitParameters, Window, bundled_file, characterize, evaluate, read_record
 from barnax.cell import SegmentedHysteresis
 from barnax.model.prepared import prepare_record
-from barnax.model.window import Window
 from barnax.plots import plot_ocv, plot_pulses
 from barnax.plots.cell import plot_fitted_ocv
 from barnax.pulses import levels, pulses_of
-from barnax.search.evaluate import evaluate
 from helpers.results import labels, make_cell
 
 

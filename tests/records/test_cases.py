@@ -5,11 +5,9 @@ import json
 import numpy as np
 import pytest
 
+from barnax import InputError, check_file, read_record
 from barnax.cell import characterize, read_ocv_test
-from barnax.checks import check_file
 from barnax.checks.against_cell import compare_with_cell
-from barnax.errors import InputError
-from barnax.records import read_record
 from helpers.records import refusal, remarks
 from helpers.shared import CASES, SHARED, needs_cases, needs_data
 

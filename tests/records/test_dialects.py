@@ -8,9 +8,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from barnax.checks import check_file
-from barnax.errors import InputError
-from barnax.records import read_record, record_from_frame
+from barnax import InputError, check_file, read_record, record_from_frame
 from barnax.records.columns import Header, read_columns
 from barnax.records.dialects import DIALECTS
 from barnax.records.readers import read_table

@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 from benchmarks.formats import missing_package, outcome_of, truths
 
-from barnax.errors import InputError
-from barnax.records import read_record
+from barnax import InputError, read_record
 
 FOLDER = Path(os.environ.get("BARNAX_SHARED_DATA", "nowhere"), "formats")
 FILES = truths(FOLDER)

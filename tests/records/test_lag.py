@@ -5,8 +5,7 @@ import polars as pl
 import pytest
 from scipy.signal import lfilter
 
-from barnax.bundled import bundled_file
-from barnax.checks import check_file
+from barnax import bundled_file, check_file
 from barnax.records import read_record, record_from_frame, source_from_frame
 from barnax.records.lag import find_lag, lagged
 from helpers.records import CURRENT, TIME, VOLTAGE, simulated_cell

@@ -11,8 +11,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from barnax.errors import InputError
-from barnax.records import read_record
+from barnax import InputError, read_record
 from helpers.golden import require_golden
 from helpers.records import (
     CURRENT,

@@ -13,8 +13,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from barnax.errors import InputError
-from barnax.records import read_record
+from barnax import InputError, read_record
 from barnax.records.readers import content as bytes_of
 from helpers.records import parquet, pulse_frame, refusal, sheet, zipped
 

@@ -4,8 +4,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from barnax import InputError
-from barnax.checks import check_file
+from barnax import InputError, check_file
 from barnax.records import record_from_frame, source_from_frame
 from barnax.records.log import in_means
 from helpers.problems import drive_a

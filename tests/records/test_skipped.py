@@ -4,10 +4,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from barnax.bundled import bundled_file
-from barnax.cell import characterize
-from barnax.checks import check_file
-from barnax.records import read_record
+from barnax import bundled_file, characterize, check_file, read_record
 
 PULSES = bundled_file("hppc_25degC")
 COUNTER = "Net Capacity / Ah"

@@ -8,8 +8,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from barnax.checks import check_file
-from barnax.errors import InputError
+from barnax import InputError, check_file
 from barnax.records import read_record, record_from_frame, source_from_frame
 from barnax.records.readers import READERS
 from helpers.records import TIME, VOLTAGE, good_files, pulse_frame

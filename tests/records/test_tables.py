@@ -12,9 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from barnax.checks import check_file
-from barnax.errors import InputError
-from barnax.records import record_from_frame
+from barnax import InputError, check_file, record_from_frame
 from helpers.records import (
     CURRENT,
     TIME,

@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import barnax
-from barnax import InputError
-from barnax.checks import check_file
+from barnax import InputError, check_file
 from barnax.records import read_record, source_from_frame
 from helpers.dialects import pulse_table
 from helpers.records import CURRENT, VOLTAGE, read

@@ -6,12 +6,10 @@ import numpy as np
 import polars as pl
 import pytest
 
+from barnax import InputError, Reading, check_file
 from barnax.cell import read_ocv_test
-from barnax.checks import check_file
-from barnax.errors import InputError
 from barnax.inputs import source_of
 from barnax.records import read_record, record_from_frame, source_from_frame
-from barnax.settings import Reading
 from helpers.records import CURRENT, TIME, VOLTAGE, pulse_frame, remarks
 
 FRAME = pulse_frame(300)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from barnax.comparison import ComparisonResult
+from barnax import ComparisonResult, Evaluation, evaluate
 from barnax.reporting.comparison import (
     comparison_document,
     on_records,
@@ -20,7 +20,6 @@ from barnax.reporting.illustrations import comparison_illustrations
 from barnax.reporting.render import table_lines, to_markdown
 from barnax.reporting.wording import blocks, sentences, table, wording
 from barnax.search.answers import AtBound, Refinement
-from barnax.search.evaluate import Evaluation, evaluate
 from helpers.comparisons import (
     CITY,
     DRIVE,

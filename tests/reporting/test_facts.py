@@ -6,15 +6,14 @@ from dataclasses import replace
 import pytest
 
 import barnax
+from barnax import Result, TableFit
 from barnax.export import get_exporter
-from barnax.over_soc.fit import TableFit
 from barnax.over_soc.node_interval import NodeInterval, sum_name
 from barnax.reporting.document import ReportTable
 from barnax.reporting.parameters import tables_csv
 from barnax.reporting.view import View
 from barnax.reporting.wording import blocks, table
 from barnax.reporting.words import interval, symbol, with_unit, without_unit
-from barnax.results import Result
 from helpers.golden import RESULT
 from helpers.results import make_table_result, with_constant, with_fit
 

@@ -9,9 +9,9 @@ from types import SimpleNamespace
 import pytest
 
 import barnax
+from barnax import Result, Window
 from barnax.cell import SegmentedHysteresis
 from barnax.cli.session import as_flags
-from barnax.model.window import Window
 from barnax.records import Decision
 from barnax.reporting.first_screen import first_screen, next_step
 from barnax.reporting.identification import identification_document, search_boxes
@@ -19,7 +19,6 @@ from barnax.reporting.illustrations import record_roles
 from barnax.reporting.render import to_markdown
 from barnax.reporting.view import View
 from barnax.reporting.wording import sentences, wording
-from barnax.results import Result
 from barnax.search.answers import AtBound
 from barnax.settings import Registration
 from helpers.golden import GOLDEN, RESULT, require_golden, without_blanks

@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 
-from barnax.cell import CircuitParameters
-from barnax.notices import Notice
+from barnax import CircuitParameters, Notice
 from barnax.over_soc.cross_validation import SocErrors
 from barnax.reporting.first_screen import next_step
 from barnax.reporting.wording import sentences, wording

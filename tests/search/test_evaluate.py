@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from barnax.cell import CircuitParameters
+from barnax import CircuitParameters, Window
 from barnax.model.prepared import prepare_record
 from barnax.model.reference import simulate_circuit
-from barnax.model.window import Window
 from barnax.search.evaluate import evaluate, step_warnings, validate
 from helpers.reference import drop_v, filtered_response, make_record
 

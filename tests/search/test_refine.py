@@ -5,10 +5,8 @@ from dataclasses import replace
 import jax
 import pytest
 
-from barnax.cell import CircuitParameters
-from barnax.optimizers import make_optimizer
+from barnax import CircuitParameters, make_optimizer, refine, search_seeds
 from barnax.search.answers import SAME_RMSE, AtBound, RefinedSeed, distinct_optima
-from barnax.search.seeds import refine, search_seeds
 from helpers.problems import other_problem
 
 CIRCUIT = CircuitParameters.constant(r0=0.05, r=(0.01, 0.02), c=(500.0, 4000.0))

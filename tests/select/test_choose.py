@@ -7,12 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from barnax import TableSettings, Window
 from barnax.cell.parameters import ANYWHERE
 from barnax.model.prepared import prepare_record
-from barnax.model.window import Window
 from barnax.over_soc.cross_validation import HeldOut
 from barnax.over_soc.problem import coarsened, find_best, reduced_objective
-from barnax.over_soc.settings import TableSettings
 from barnax.select.choose import Bench, Fitted, choose
 from barnax.select.family import NODE_LADDER, RICHER, Point, Subfamily, limits_of
 from helpers.made_cell import cell_with_ocv, ocv_v

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from barnax.cell import CircuitParameters
-from barnax.errors import InputError
+from barnax import CircuitParameters, InputError
 from barnax.uncertainty import assess, covariance
 from barnax.uncertainty.assessment import diagnostics
 from helpers.noisy_fits import SAMPLES, fit, made_problem, white_noise

@@ -10,12 +10,9 @@ from scipy.signal import lfilter
 from scipy.stats import t as student
 
 import barnax
+from barnax import Window, assess, find_global_optimum, make_problem
 from barnax.execution import in_float64
-from barnax.global_optimum.search import find_global_optimum
-from barnax.model.problem import make_problem
-from barnax.model.window import Window
 from barnax.search.evaluate import hysteresis_state, nuisance_columns
-from barnax.uncertainty import assess
 from barnax.uncertainty.covariance import Covariance
 from helpers.made_cell import cell_with_ocv, ocv_v
 from helpers.noisy_fits import SAMPLES, TRUTH, fit, made_problem, white_noise

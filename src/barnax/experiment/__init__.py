@@ -1,4 +1,4 @@
-"""The next test to run: what a current would tell, and the test that tells what is wanted."""
+"""The next test to run: the information in a current, and the test that gives what is wanted."""
 
 from .next_test import design as design
 from .protocol import Block as Block

@@ -1,18 +1,18 @@
-"""Information of a current about a cell's tables: the intervals that its fit would have, and the
+"""Information about a cell's tables in a current: the intervals that its fit would have, and the
 error of that fit on a drive cycle.
 
 Least squares with a covariance S of the error have the covariance H^-1 J' S J H^-1 of the tables,
-with J the columns of `over_soc` and H = J'J + N P, P their smoothing. S is what an identification
-leaves on measured cells: parts with exponentially decaying correlation. Against white noise alone,
-a rest of an hour would look worth as much as a pulse.
+with J the columns of `over_soc` and H = J'J + N P, P their smoothing. S is the error typically left
+by an identification on measured cells: parts with exponentially decaying correlation. Against white
+noise alone, a rest of an hour would look as valuable as a pulse.
 
-On a drive cycle, most of the error is not noise. A cell is more than its circuit: it relaxes
-with other time constants too, and its resistances fall with the current. What such columns F would
-add is followed by the tables, wrongly where the drive differs from the test: of a deviation F w the
-fit leaves (F - J H^-1 J_t' F_t) w on the drive. Its square, over w of independent size one, is what
-tells tests apart (bias and variance of a response surface; Box and Draper, 1959).
+On a drive cycle, most of the error is not noise. A cell is more than its circuit: it also relaxes
+with other time constants, and its resistances fall with the current. The tables absorb the effect
+of such columns F, wrongly if the drive differs from the test: of a deviation F w the fit leaves (F
+- J H^-1 J_t' F_t) w on the drive. Its square, over w of independent unit size, distinguishes tests
+(bias and variance of a response surface; Box and Draper, 1959).
 
-Products add up over pieces whose errors are not correlated."""
+Products add up over pieces with uncorrelated errors."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -41,37 +41,37 @@ from ..records.lag import lagged
 from ..search.answers import AtBound
 from ..uncertainty.noise import Slots, summed
 
-# So near to an end of the SOC is at it, and so far may blocks take a cell below their stretch.
+# SOC this near to an end counts as at it; and how far blocks may take a cell below their stretch.
 NEARLY_SOC, OVERSHOT = 0.02, 0.03
-# What a circuit leaves out: other pairs, of such a share of R0 and such shares and multiples of its
-# fastest and slowest time constants; resistances that change by such a share at 1C. Nodes over SOC
-# of both. Of PyBaMM's SPMe, these tell apart tests that leave 7 to 20 mV on a drive.
+# Effects outside the circuit: other pairs, as a share of R0 and as shares and multiples of its
+# fastest and slowest time constants; resistances that change by a share at 1C. Nodes over SOC of
+# both. With PyBaMM's SPMe, these distinguish tests that leave 7 to 20 mV on a drive.
 OTHER_PAIR, FASTER, SLOWER = 0.3, (0.25,), (4.0, 16.0)
 CHANGE_AT_1C = 0.45
 LEFT_OUT_NODES = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
-# How far a table may be from its prior where nothing is measured: a share, and V.
+# Prior deviation of a table where nothing is measured: a share, and in V.
 UNSEEN_SHARE, UNSEEN_V = 0.3, 20e-3
-# Slots in a correlation time that an error is taken for constant in.
+# Slots per correlation time in which an error is taken as constant.
 SLOTS_A_TIME = 10
 # Smaller numbers count as zero in a product. No resistance is larger than the next.
 NOTHING = 1e-100
 MOST_OHM = 1e6
-# The RMSE that what is not known makes on a drive cycle is a wish too.
+# The RMSE on a drive cycle due to uncertain values can be wanted too.
 DRIVE = "drive"
 
 Samples = Float[np.ndarray, "samples"]
 Soc = Float[np.ndarray, "*any"]
 Columns = Float[np.ndarray, "samples columns"]
 Normal = Float[np.ndarray, "columns columns"]
-# A table and its node, None of a constant.
+# A table and its node; None for a constant.
 Name = tuple[str, float | None]
 
 
 @dataclass(frozen=True)
 class Error:
-    """The error that a fit is taken to leave: its RMSE; it as noise, in parts of a correlation time
-    in s, 0 for white, and a standard deviation in V; how large what the circuit leaves out is, 1
-    for usual; and the RMSE without what that makes.
+    """The assumed error of a fit: its RMSE; its noise, in parts with a correlation time in s, 0 for
+    white, and a standard deviation in V; the size of effects outside the circuit, 1 for usual; and
+    the RMSE without them.
     """
 
     rmse_v: float
@@ -82,29 +82,29 @@ class Error:
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """The prior of a cell: what is assumed of it before a test.
+    """The prior of a cell: the assumptions about it before a test.
 
     Attributes:
         cell: Its OCV, hysteresis and capacity.
         tables: Its resistances and time constants.
-        worst: How many times their values the resistances may be, at every node of the tables.
-        error: What a fit leaves.
-        settings: The tables that will be fitted; an OCV of the test's own where it has `ocv_nodes`.
+        worst: Worst-case resistances as multiples of their values, at every node of the tables.
+        error: Error of a fit.
+        settings: The tables that will be fitted; with a fitted OCV if it has `ocv_nodes`.
         circuit: Name of the circuit.
         earlier: Records that will be identified with the test's.
-        half_widths: Half the 95 % intervals that they left, relative or in V, as `halves_of` has
-            them.
-        printed: The same as they are printed, which may reach over more.
-        beyond: What these reach over: both samplings of the current ("hold"), a hidden "pair".
-        follows: What the resistances follow beside SOC, which a design leaves out.
-        ocv_reach_v: How far the OCV may be from the cell's.
-        ocv_soc: The range of SOC that the OCV is measured on.
-        typical: The chemistry whose OCV goes on beyond, up to `typical_reach_v` farther off.
-        start_v: The OCV that brings a cell to the highest SOC where nothing shows what is full.
-        start_reach_soc: How far off that may be.
-        rates_c: The largest discharge and charge that are usual for it, in 1/h of the capacity.
-        untold: Why the earlier records do not count.
-        at_bound: Time constants that ended at a bound of their search.
+        half_widths: Half the 95 % intervals from these records, relative or in V, as in
+            `halves_of`.
+        printed: Half the intervals as printed, which may be wider.
+        beyond: Causes of wider intervals: both samplings of the current ("hold"), a hidden "pair".
+        follows: Quantities besides SOC on which the resistances depend, which a design ignores.
+        ocv_reach_v: Largest deviation of the OCV from the cell's.
+        ocv_soc: Range of SOC over which the OCV is measured.
+        typical: Chemistry whose OCV continues it, with up to `typical_reach_v` more deviation.
+        start_v: OCV that brings a cell to the highest SOC if full is not identified.
+        start_reach_soc: Largest error of that SOC.
+        rates_c: Largest usual discharge and charge, in 1/h of the capacity.
+        untold: Reason why the earlier records do not count.
+        at_bound: Time constants at a bound of their search.
     """
 
     cell: CellModel
@@ -130,7 +130,7 @@ class Prior:
 
     @property
     def finds_ocv(self) -> bool:
-        """True where the test's fit has an OCV of its own."""
+        """True if the test's fit includes the OCV."""
         return self.settings.ocv_nodes is not None
 
     def loaded(self, current_a: Samples, soc: float, interval_s: float = 1.0) -> PreparedRecord:
@@ -188,7 +188,7 @@ class Prior:
 
     @cached_property
     def values(self) -> Float[np.ndarray, "unknowns"]:
-        """The prior value of each."""
+        """The prior value of each unknown."""
         return np.concatenate([*self.solution.values, self.tables.tau_s])
 
     @cached_property
@@ -198,18 +198,18 @@ class Prior:
 
     @cached_property
     def unseen(self) -> Float[np.ndarray, "unknowns"]:
-        """The prior width of each where nothing is measured; time constants always are."""
+        """The prior width of each unknown where nothing is measured; time constants always are."""
         share = np.where(self.are_resistances, UNSEEN_SHARE, UNSEEN_V)
         return self.units * share * [soc is not None for _, soc in self.names]
 
     def ocv_v(self, soc: Soc) -> Soc:
-        """The OCV between charge and discharge, corrected where the tables correct it."""
+        """The OCV between charge and discharge, with the tables' correction if there is one."""
         is_corrected = OCV_CORRECTION in self.tables.tables
         correction_v = self.tables.at(OCV_CORRECTION, soc) if is_corrected else 0.0
         return self.cell.average_ocv_v(soc) + correction_v
 
     def ocv_end_v(self, soc: Soc, sign: int) -> Soc:
-        """The lowest (-1) or highest (+1) that the OCV may be."""
+        """The lowest (-1) or highest (+1) possible OCV."""
         low, high = self.ocv_soc
         reach_v = self.ocv_reach_v + np.where((soc < low) | (soc > high), self.typical_reach_v, 0.0)
         return self.ocv_v(soc + sign * self.start_reach_soc) + sign * reach_v
@@ -227,7 +227,7 @@ class Prior:
 
     @cached_property
     def information_before(self) -> "Information | None":
-        """The information of the earlier records."""
+        """The information in the earlier records."""
         whole = None
         for prepared in self.earlier:
             whole = information_of(self, prepared) + whole
@@ -256,19 +256,19 @@ class Information:
     def inverse(self, prior: Prior, smoothing: float = LIGHT) -> Normal:
         """H^-1."""
         whole = self.of_unknowns + smoothing * max(self.samples, 1) * prior.penalty
-        # Of a time constant that nothing tells, the logarithm is known to about one.
+        # The logarithm of an undetermined time constant has a standard deviation of about one.
         whole[np.diag_indices(len(whole))] += 1e-12 * np.diag(whole).max()
         return np.asarray(cho_solve(cho_factor(whole), np.eye(len(whole))))
 
     def covariance(self, prior: Prior, inverse: Normal) -> Normal:
-        """The covariance of what a fit finds, where what the circuit leaves out makes as much of
-        its error as of the known one, or more."""
+        """The covariance of a fit, with the noise scaled up as effects outside the circuit raise
+        its error above the known RMSE."""
         error, mean = prior.error, self.normal / max(self.samples, 1)
         level = (error.rest_v**2 + self._left_out_on(inverse, mean)) / error.rmse_v**2
         return level * (inverse @ self.noise @ inverse)
 
     def left_on(self, prior: Prior, inverse: Normal, drive: Normal) -> float:
-        """The RMSE in V of a fit of these samples where the mean product of columns is `drive`."""
+        """The RMSE in V of a fit of these samples, given the mean product of columns `drive`."""
         smoothed = LIGHT * self.samples * inverse @ (prior.penalty * prior.unseen)
         spread = self.covariance(prior, inverse) + smoothed @ smoothed.T
         count = len(inverse)
@@ -276,7 +276,7 @@ class Information:
         return math.sqrt(max(float(squared), 0.0))
 
     def _left_out_on(self, inverse: Normal, drive: Normal) -> float:
-        """The mean square in V2 that what the circuit leaves out makes there."""
+        """The mean square in V2 due to effects outside the circuit there."""
         count = len(inverse)
         followed = inverse @ self.normal[:count, count:]
         left = drive[:count, :count] @ followed - 2 * drive[:count, count:]
@@ -285,8 +285,8 @@ class Information:
 
 @in_float64
 def columns_of(prior: Prior, prepared: PreparedRecord) -> Columns:
-    """The derivatives of the error at every sample, by every unknown and by what the circuit leaves
-    out."""
+    """The derivatives of the error at every sample, by every unknown and by the effects outside the
+    circuit."""
     whole = replace(prepared.following(None), scored=np.ones_like(prepared.scored))
     objective = replace(prior.objective, prepared_records=[whole])
     blocks = linearized(objective, prior.solution, further=lambda _: _left_out(prior, prepared))
@@ -294,11 +294,11 @@ def columns_of(prior: Prior, prepared: PreparedRecord) -> Columns:
 
 
 def _left_out(prior: Prior, prepared: PreparedRecord) -> Columns:
-    """The columns of what the circuit leaves out."""
+    """The columns of the effects outside the circuit."""
     soc, tables = prepared.soc, prior.tables
     tau_s, interval_s = np.array(tables.tau_s), np.diff(prepared.time_s)
     shares = prior.error.left_out * hats(soc, LEFT_OUT_NODES).T
-    # Pairs answer to what flows from each sample to the next.
+    # Pairs respond to the current that flows from each sample to the next.
     now_a, held_a = prepared.current_a, prepared.held_a
     other = OTHER_PAIR * shares * held_a * tables.at(OHMIC, soc)
     between_s = np.sqrt(tau_s[:-1] * tau_s[1:])
@@ -314,13 +314,13 @@ def _left_out(prior: Prior, prepared: PreparedRecord) -> Columns:
 
 @in_float64
 def information_of(prior: Prior, prepared: PreparedRecord) -> Information:
-    """The information of the scored samples of a record."""
+    """The information in the scored samples of a record."""
     columns, interval_s = columns_of(prior, prepared)[prepared.scored], prepared.median_interval_s
     times_s = prepared.time_s[prepared.scored] - prepared.time_s[0]
     of_unknowns = np.ascontiguousarray(columns[:, : len(prior.names)])
     noise = np.zeros((len(prior.names),) * 2)
     for time_s, sd_v in prior.error.noise:
-        # Of errors that change slowly, a few samples together are one.
+        # For slowly varying errors, a few samples together count as one.
         slot_s = interval_s * max(1, int(time_s / SLOTS_A_TIME / interval_s))
         start_s, count = (slot_s - interval_s) / 2, 2 + int(times_s[-1] / slot_s)
         slots = Slots(start_s, slot_s, count, count).gathered(times_s, of_unknowns)
@@ -333,16 +333,16 @@ def information_of(prior: Prior, prepared: PreparedRecord) -> Information:
 
 @dataclass(frozen=True)
 class Width:
-    """Half the 95 % interval of one value, as a test is predicted to leave it: relative for
-    resistances and time constants, in V for an OCV.
+    """Half the 95 % interval predicted for one value after a test: relative for resistances and
+    time constants, in V for an OCV.
 
     Args:
-        name: What it is.
-        soc: Its node, None of a time constant.
+        name: Name of the value.
+        soc: Its node; None for a time constant.
         value: Assumed value.
-        alone: Half the interval of a fit of the test alone.
-        after: The same of a fit of the test with the earlier records.
-        before: The same of a fit of the earlier records alone, None if they tell nothing.
+        alone: Half the interval from the test alone.
+        after: Half the interval from the test with the earlier records.
+        before: Half the interval from the earlier records alone; None if they do not determine it.
     """
 
     name: str
@@ -356,8 +356,8 @@ class Width:
 def widths_of(
     prior: Prior, test: Information | None = None, drive: Normal | None = None
 ) -> tuple[Width, ...]:
-    """Half an interval of every value that a sample of a test, else of the earlier records, is near
-    to; where `drive` is the mean product of columns on a drive cycle, the RMSE on that too."""
+    """Half an interval for every value near a sample of a test, else of the earlier records; if
+    `drive` is given, the mean product of columns on a drive cycle, the RMSE on that too."""
     earlier, before = prior.information_before, before_of(prior)
     alone, after, of_test, joint = before, before, earlier, earlier
     if test is not None:
@@ -376,14 +376,15 @@ def widths_of(
 
 
 def before_of(prior: Prior) -> dict[Name, float]:
-    """Half the intervals of a fit of the earlier records; what their own told where none count."""
+    """Half the intervals of a fit of the earlier records, or of their original fit if none
+    count."""
     earlier = prior.information_before
     return _halves(prior, earlier) if earlier else dict(prior.half_widths)
 
 
 def _halves(prior: Prior, fit: Information) -> dict[Name, float]:
-    """Half the intervals of what is seen, as `over_soc.intervals` has them: by the noise, and half
-    of what smoothing and the straight lines between nodes move."""
+    """Half the intervals of the values that samples are near, as in `over_soc.intervals`: due to
+    noise, and half the effect of smoothing and of straight lines between nodes."""
     light, smooth = fit.inverse(prior), fit.inverse(prior, 1.0)
     errors = np.sqrt(np.maximum(np.diag(fit.covariance(prior, light)), 0.0))
     resistances = np.where(prior.are_resistances, prior.values, 0.0)

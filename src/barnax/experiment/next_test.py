@@ -1,4 +1,4 @@
-"""`barnax.design`: the next test of a cell, and what it is predicted to tell."""
+"""`barnax.design`: the next test of a cell, and its predicted intervals."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -51,16 +51,16 @@ from .stored import (
     short,
 )
 
-# Of further resistances what is wanted of R2.
+# Further resistances are wanted as R2 is.
 WANTED = {"R0": 0.02, "R1": 0.2, "R2": 0.3, "OCV": 15e-3}
-# Of the RMSE that a fit leaves, what is wanted on a drive cycle.
+# The RMSE wanted on a drive cycle, as a multiple of the RMSE that a fit leaves.
 WANTED_ON_DRIVE = 1.5
 MAX_HOURS = 3.0
-# Usual tests have the currents that are allowed here.
+# Usual tests have the currents that are allowed at these states of charge.
 MIDDLE_SOC = (0.6, 0.4)
-# What empties a cell whose OCV is not known, and the rest after it.
+# Rate that empties a cell with an unknown OCV, and the rest after it.
 EMPTYING_C, LAST_REST_S = 0.33, 300.0
-# A test is of at least so much of the state of charge: a table has a node there.
+# A test spans at least this much SOC: a table has a node in it.
 LEAST_SPAN_SOC = 0.1
 # Half an interval at each node of each table.
 Halves = Iterable[tuple[Name, float]]
@@ -84,38 +84,37 @@ def design(
     key: int = 0,
     starts: int = 1,
 ) -> Design:
-    """The test to run next: the shortest that narrows the intervals to what is wanted and predicts
-    a drive cycle as well as is wanted, or the best of the time that is given.
+    """The test to run next: the shortest that narrows the intervals as wanted and predicts a drive
+    cycle as well as wanted, or the best one in the given time.
 
     Args:
-        result: What is known of the cell: a result, the folder of one, or a prior in its
-            place. None: nothing but capacity and chemistry, and the test finds the OCV too. The
-            records of a result count, and are to be identified with the test's, where they are
-            still found.
+        result: Existing knowledge of the cell: a result, the folder of one, or a prior. None: only
+            capacity and chemistry, and the test identifies the OCV too. The records of a result
+            count, and are to be identified together with the test's, if their files still exist.
         capacity: Capacity in Ah; by default that of the result.
-        chemistry: nmc or lfp: the prior of a cell without a result (by default nmc), and of
-            one with a result its voltages, and the OCV beyond the state of charge at which the
-            result knows it, if something shows where it is full. Without, the test stays in that.
-        max_hours: The longest that it may take; by default 3, and no test at all, of no steps,
-            where the earlier records tell what is wanted already.
+        chemistry: nmc or lfp: the prior of a cell without a result (by default nmc); with a result,
+            the source of its voltage limits, and of the OCV beyond the measured range of SOC, if a
+            full charge is identified. Without it, the test stays within that range.
+        max_hours: Longest duration; by default 3, and no test at all, with no steps, if the earlier
+            records already determine what is wanted.
         want: Half the 95 % interval wanted of R0, R1, R2 (relative) and OCV (in V), from 10 to 90 %
             of the state of charge, and the RMSE on a drive cycle (`drive`, in V; by default one and
-            a half times that of the records). "hppc" wants what an HPPC of the same currents is
-            predicted to tell.
+            a half times that of the records). "hppc" wants the intervals predicted for an HPPC with
+            the same currents.
         low_voltage: Lowest voltage; by default that of the chemistry.
         high_voltage: Highest voltage.
         max_discharge: Largest discharge in 1/h of the capacity, or pairs of state of charge and
-            rate; by default 1, with a result what its records reached.
+            rate; by default 1, or with a result the largest in its records.
         max_charge: Largest charge, likewise; by default 0.5, or half the largest discharge.
         max_warming: Largest rise of the temperature in K in the worst case, in moving air.
         temperature: Temperature of the test in degC, for a result over temperature.
-        blocks: What it is composed of beside moves and rests; by default `candidate_blocks`.
-        criterion: What is lowered, a function of the widths over the wanted ones; the error on the
-            drive cycle, over the wanted one, comes last, as often as there are widths.
+        blocks: Pieces of the test other than moves and rests; by default `candidate_blocks`.
+        criterion: Objective to minimize, a function of the widths over the wanted ones; the error
+            on the drive cycle, over the wanted one, comes last, as often as there are widths.
         key: Random key of blocks and searches; the same key gives the same test.
-        starts: How many searches the best test is taken of.
+        starts: Number of searches, of which the best test is taken.
 
-    Raises `InputError` for limits that leave no room, for wishes of what is not there, and as
+    Raises `InputError` for limits that leave no room, for wishes that do not apply, and as
     `Result.load` does.
 
     >>> import barnax
@@ -183,7 +182,7 @@ def design(
     plan, is_reached, longer, needed = None, True, None, None
     if is_asked or is_needed:
         with one_blas_thread():
-            # What is reached without a test makes none short.
+            # Wishes met without a test make no test short.
             is_short = reaches if is_needed else lambda steps: False
             plan = planned(choice, max_hours, random_key, starts, is_short)
             is_reached = reaches(plan.steps)
@@ -221,7 +220,7 @@ def design(
 
 def _span(prior: Prior) -> Span:
     """The lowest and the highest state of charge of a test: those at which the OCV is known, less
-    what pieces and an unsure start may take the cell below.
+    the excursion of pieces and of an uncertain start below them.
 
     Raises `InputError` if that leaves too little.
     """
@@ -242,7 +241,7 @@ def _span(prior: Prior) -> Span:
 def _check_start(prior: Prior, high_soc: float, high_v: float) -> None:
     """Raise `InputError` if the OCV at the start of a test is above its highest voltage."""
     at = np.array([high_soc])
-    # A charge that is held at a voltage ends there, however unsure the OCV is.
+    # A charge held at a voltage ends there, however uncertain the OCV is.
     is_held = high_soc == 1 or prior.start_v is not None
     start_v = float((prior.ocv_v(at) if is_held else prior.ocv_end_v(at, 1))[0])
     if start_v <= high_v + HELD_V * is_held:
@@ -274,9 +273,9 @@ def _names(prior: Prior) -> list[str]:
 def wishes_of(
     prior: Prior, want: Mapping[str, float] | None, wanted_soc: Span
 ) -> tuple[dict[int, float], dict[str, float]]:
-    """The wishes by the place of an unknown, and by table.
+    """The wishes by the index of an unknown, and by table.
 
-    Raises `InputError` for what the test cannot find.
+    Raises `InputError` for anything that the test cannot identify.
     """
     names = _names(prior)
     for name, half in (want or {}).items():
@@ -302,7 +301,7 @@ def wishes_of(
 
 
 def _emptying(prior: Prior, limits: Limits, low_soc: float) -> tuple[Step, ...]:
-    """The steps that show the lower end of an unknown OCV, where the test comes near that."""
+    """The steps that reach the lower end of an unknown OCV, if the test comes near it."""
     is_near = low_soc <= UNKNOWN_LOW_SOC and prior.start_v is None
     if not (prior.finds_ocv and is_near):
         return ()
@@ -323,8 +322,8 @@ def _are_enough(name: str, halves: Iterable[float], wanted: float) -> bool:
 def _already(
     prior: Prior, before: Halves, wanted: Mapping[str, float], wanted_soc: Span
 ) -> tuple[str, ...]:
-    """The names that the earlier records determine as well as is asked, wherever that is asked: as
-    a design counts them, and by the standard errors of their own fit."""
+    """The names that the earlier records determine as well as wanted, throughout the wanted range:
+    as a design counts them, and by the standard errors of their own fit."""
     counted = ((name, max(half, prior.half_widths.get(name, 0.0))) for name, half in before)
     halves = inside(counted, wanted_soc)
     nodes = inside(((name, 0.0) for name in (*prior.names, (DRIVE, None))), wanted_soc)
@@ -333,6 +332,6 @@ def _already(
 
 
 def _medians(halves: Halves, names: Iterable[str], wanted_soc: Span) -> dict[str, float]:
-    """The median of every table where it is wanted, and of the error on a drive cycle."""
+    """The median of every table in the wanted range, and of the error on a drive cycle."""
     by_name = inside(halves, wanted_soc)
     return {name: float(np.median(by_name[name])) for name in names if by_name[name]}

@@ -1,4 +1,4 @@
-"""The prior of a cell before its next test: of a result, or of its chemistry alone."""
+"""The prior of a cell before its next test: from a result, or from its chemistry alone."""
 
 import math
 from collections.abc import Sequence
@@ -43,26 +43,28 @@ from .protocol import window_of
 from .stored import followed, halves_of
 
 Chemistry = Literal["nmc", "lfp"]
-# Resistances of a typical cell of 1 Ah half full, R0, R1 and R2, and how much more they are empty.
+# Resistances of a typical cell of 1 Ah half full, R0, R1 and R2, and their relative increase when
+# empty.
 TYPICAL_OHM, EMPTY, EMPTY_SOC = (0.10, 0.03, 0.05), (0.3, 1.0, 1.0), 0.08
 TYPICAL_TAU_S = (12.0, 120.0)
-# At which temperature, and how near a test is to it.
+# Their temperature, and the largest difference from a test's.
 TYPICAL_DEGC, NEAR_K = 25.0, 5.0
-# How many times that a cell's may be, and how far its OCV from the bundled cell's.
+# The factor by which a cell's resistances may differ, and the deviation of its OCV from the bundled
+# cell's.
 UNKNOWN, UNKNOWN_OCV_V = 2.0, {"nmc": 0.05, "lfp": 0.03}
-# What a fit leaves: eight records at 25 degC leave 4 to 9 mV, very roughly so much of it white and
-# correlated over 10, 200 and 1000 s. Shares of the RMSE, and the RMSE where none is known.
+# Errors of a fit: eight records at 25 degC leave 4 to 9 mV, very roughly in these shares white and
+# correlated over 10, 200 and 1000 s. Shares of the RMSE, and the RMSE if none is known.
 SHAPE = ((0.0, 0.4), (10.0, 0.65), (200.0, 0.7), (1000.0, 0.5))
 TYPICAL_V = 5e-3
 # The share of the RMSE that is not caused by effects outside the circuit.
 REST = 0.6
-# At a SOC where both are known, no cell's OCV is farther from the typical one of its chemistry.
+# At a SOC where both are known, no cell's OCV deviates more from the typical one of its chemistry.
 COMPARED_FROM_SOC, MOST_APART_V = 0.15, 0.2
-# A cell that is held at its OCV until C/50 is within so much of it; what it starts at is then known
-# to so much of the SOC at most, by the OCV's rise over as much.
+# A cell held at its OCV until C/50 is within this voltage of it; its starting SOC is then known to
+# at most the second number, from the OCV's rise over that range.
 HELD_V, TOP_SOC = 10e-3, 0.05
-# Where a cell's OCV is not known, loads end here: under 10 % SOC a voltage may fall unforeseen (1C
-# took a PyBaMM cell 0.9 V under its limit at 8 %).
+# For a cell with an unknown OCV, loads end here: below 10 % SOC a voltage may fall unexpectedly (1C
+# took a PyBaMM cell 0.9 V below its limit at 8 %).
 UNKNOWN_LOW_SOC = 0.1
 # A table of a known cell may be off by its interval, and by this.
 LEAST_WORST, LEAST_OCV_V = 1.15, 5e-3
@@ -74,10 +76,10 @@ def prior_of(
     chemistry: str | None = None,
     temperature_degc: float | None = None,
 ) -> Prior:
-    """The prior of a cell of a result, of the folder of one, or of capacity and chemistry; with
-    both, beyond the SOC at which a result knows the OCV it goes on as the chemistry's.
+    """The prior of a cell from a result, the folder of one, or capacity and chemistry; with both,
+    the OCV beyond the result's range of SOC is the chemistry's.
 
-    Raises `InputError` for what is no capacity, where nothing tells it, and as those below do.
+    Raises `InputError` for an invalid capacity, if there is none, and as those below do.
     """
     require_positive("capacity", capacity_ah, "Ah")
     if before is None:
@@ -114,10 +116,10 @@ def prior_of(
 
 
 def _going_on(prior: Prior, chemistry: str) -> Prior:
-    """A copy whose OCV is continued beyond its range by a chemistry's: joined to it, and the
-    chemistry's where the cell is full and empty.
+    """A copy whose OCV is continued beyond its range by a chemistry's: continuous at the joint, and
+    equal to the chemistry's at full and empty.
 
-    Raises `InputError` if nothing shows what is full, and where both are far from each other.
+    Raises `InputError` if no full charge is identified, and if the two differ too much.
     """
     typical, (low, high) = _typical_cell(chemistry), prior.ocv_soc
     if prior.start_v is not None:
@@ -128,7 +130,7 @@ def _going_on(prior: Prior, chemistry: str) -> Prior:
         )
     ends = np.array([low, high])
     apart_v = typical.average_ocv_v(ends) - prior.ocv_v(ends)
-    # Near empty any two cells differ, but none is above its highest voltage.
+    # Near empty any two cells differ, but no cell is above its highest voltage.
     is_above = prior.ocv_v(ends) > window_of(prior.cell, chemistry)[1] + HELD_V
     is_other = is_above | (ends > COMPARED_FROM_SOC) & (np.abs(apart_v) > MOST_APART_V)
     if is_other.any():
@@ -156,7 +158,7 @@ def _going_on(prior: Prior, chemistry: str) -> Prior:
 
 
 def prior_of_chemistry(chemistry: str, capacity_ah: float) -> Prior:
-    """A typical cell, of which no record exists: the test has to find its OCV too.
+    """A typical cell without any record: the test has to identify its OCV too.
 
     Raises `InputError` for an unknown chemistry.
     """
@@ -188,16 +190,16 @@ def _typical_cell(chemistry: str) -> CellModel:
 
 
 def prior_of_result(result: Result, temperature_degc: float | None = None) -> Prior:
-    """The cell of a result, with what its records tell at that temperature: nothing of intervals
-    where none was measured.
+    """The cell of a result, with the intervals from its records at that temperature; without
+    intervals if none was measured there.
 
-    Raises `InputError` if its answer has elements that are no RC pairs, or not the temperature.
+    Raises `InputError` if its answer has elements other than RC pairs, or lacks the temperature.
     """
     intervals, untold, parts = result.fit.intervals, "", result.of_role("identification")
     evaluations = attempt(lambda: result.evaluations.identification)
     if isinstance(evaluations, InputError):
         evaluations, untold = (), str(evaluations)
-    # Means of fast records determine what is slow as well.
+    # Means of fast records determine slow dynamics as well.
     earlier = [
         result.fits.evaluate(in_seconds(evaluated.prepared))
         for evaluated, part in zip(evaluations, parts, strict=False)
@@ -248,18 +250,20 @@ def prior_of_result(result: Result, temperature_degc: float | None = None) -> Pr
 
 
 def _ocv_range(cell: CellModel) -> tuple[float, float]:
-    """From where to where the OCV of a cell is told; nearly to an end is to it."""
+    """The range of SOC over which a cell's OCV is known; one that nearly reaches an end reaches
+    it."""
     low, high = cell.soc_range
     nearly_empty = UNKNOWN_LOW_SOC - OVERSHOT if cell.ocv_is_fitted else NEARLY_SOC
-    # A start that is told with so many digits.
+    # Rounded down to the digits in which a start is reported.
     high = 1.0 if high > 1 - NEARLY_SOC else math.floor(1e3 * high) / 1e3
     return 0.0 if low <= nearly_empty else low, high
 
 
 def _started_by_voltage(prior: Prior) -> Prior:
-    """A copy in which full is the fullest point of a record: the OCV says what brings a cell there.
+    """A copy in which full is the fullest point of a record: the OCV gives the voltage that brings
+    a cell there.
 
-    Raises `InputError` if that is too flat.
+    Raises `InputError` if that OCV is too flat.
     """
     top = prior.ocv_soc[1]
     below_v, top_v = prior.ocv_v(np.array([top - TOP_SOC, top])).tolist()
@@ -275,7 +279,7 @@ def _started_by_voltage(prior: Prior) -> Prior:
 
 
 def prior_of_fit(fit: TableFit, settings: TableSettings, cell: CellModel, rmse_v: float) -> Prior:
-    """The cell of tables that were fitted with these settings and left such an RMSE."""
+    """The cell of tables that were fitted with these settings and left this RMSE."""
     half_widths, printed = dict[Name, float](), dict[Name, float]()
     for one in fit.intervals:
         if (halves := halves_of(one)) is not None:
@@ -298,8 +302,8 @@ def prior_of_fit(fit: TableFit, settings: TableSettings, cell: CellModel, rmse_v
 
 
 def counting(prior: Prior, earlier: Sequence[Evaluation]) -> Prior:
-    """A copy that counts the records to be identified with the test's, and the error that they
-    show.
+    """A copy that counts the records to be identified with the test's, and the error estimated from
+    them.
     """
     if not earlier:
         return prior
@@ -308,7 +312,7 @@ def counting(prior: Prior, earlier: Sequence[Evaluation]) -> Prior:
 
 
 def typical_error(rmse_v: float) -> Error:
-    """The error that a fit with that RMSE is taken to have."""
+    """The assumed error of a fit with that RMSE."""
     noise = tuple((time_s, share * rmse_v) for time_s, share in SHAPE)
     return Error(rmse_v, noise, rmse_v / TYPICAL_V, REST * rmse_v)
 
@@ -326,12 +330,12 @@ def _worst(fit: TableFit, nodes: tuple[float, ...]) -> Float[np.ndarray, "nodes"
 
 
 def error_of(prior: Prior, earlier: Sequence[Evaluation]) -> Error:
-    """The error of a fit with these tables as its residuals on its records show it: how much of it
-    is noise, and how much comes of a cell that is more than its circuit.
+    """The error of a fit with these tables, estimated from its residuals on its records: the part
+    due to noise, and the part due to effects outside the circuit.
 
-    What the tables do not follow of the columns F (`information`) explains some of the errors.
-    Noise would leave errors that look so too, of an expected size; what is more tells how large
-    that is which the circuit leaves out.
+    The part of the columns F (`information`) that the tables cannot absorb explains some of the
+    errors. Noise would produce similar errors, of an expected size; the excess gives the size of
+    the effects outside the circuit.
     """
     usual = replace(prior, error=replace(prior.error, left_out=1.0))
     records = [evaluated.prepared for evaluated in earlier]
@@ -340,7 +344,7 @@ def error_of(prior: Prior, earlier: Sequence[Evaluation]) -> Error:
     clock = one_clock(records), longest_s, MAX_SLOTS
     followed, left_out = np.split(columns, [len(prior.names)], axis=1)
     basis = _basis(followed)
-    # What bounds and smoothing kept a fit from following is left too.
+    # Includes errors that bounds and smoothing kept the fit from removing.
     error_v = np.concatenate([one.error_v[one.prepared.scored] for one in earlier])
     left_out = _without(left_out, basis)
     explaining = _basis(left_out)
@@ -360,7 +364,7 @@ def error_of(prior: Prior, earlier: Sequence[Evaluation]) -> Error:
 
 
 def _basis(columns: Columns) -> Columns:
-    """Orthonormal columns that span the same, as far as these can be told from rounding."""
+    """Orthonormal columns with the same span, down to rounding."""
     lengths = np.linalg.norm(columns, axis=0)
     seen = lengths > UNSEEN * lengths.max()
     basis, sizes, _ = np.linalg.svd(columns[:, seen] / lengths[seen], full_matrices=False)

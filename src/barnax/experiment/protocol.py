@@ -1,4 +1,5 @@
-"""A test as steps of constant current: its pieces, how it goes, and the limits that it keeps."""
+"""A test as steps of constant current: its pieces, its predicted course, and the limits that it
+keeps."""
 
 import math
 from collections.abc import Sequence
@@ -18,38 +19,39 @@ from ..records.lag import lagged
 from .information import NEARLY_SOC, Prior, Samples, Soc
 
 INTERVAL_S = 1.0
-# Drawn voltages are within this of the predicted ones.
+# Plotted voltages are within this of the predicted ones.
 DRAWN_V = 3e-3
-# A test starts full, and ends so low.
+# A test starts full, and ends at this low SOC.
 HIGH_SOC, LOW_SOC = 1.0, 0.05
-# Usual tests last long, and are looked at in so many seconds.
+# Usual tests are long, and are evaluated at this interval.
 COARSE_S = 2.0
-# A cell of so many Ah in moving air warms by so many K for a W an Ah, in so many s: an 18650 cell.
-# Heat grows with the capacity, cooling with the surface: others by the cube root of theirs.
+# A cell of this many Ah in moving air warms by this many K per W per Ah, with this time constant in
+# s: an 18650 cell. Heat grows with the capacity, cooling with the surface: other cells scale by its
+# cube root.
 WARMING_AH, WARMING_K, WARMING_S = 2.5, 30.0, 540.0
 SHORTEST_MOVE_S = 5
-# Lowest and highest voltage of a cell of layered oxide, and of one whose OCV when full is under the
+# Lowest and highest voltage of a layered-oxide cell, and of one whose OCV when full is below the
 # last.
 WINDOW_V, LFP_WINDOW_V, LFP_FULL_V, NEARLY_FULL = (2.5, 4.2), (2.0, 3.65), 3.8, 0.97
-# A few minutes of any cell are flat: one of LFP has been seen nearly empty too.
+# Any cell is flat for a few minutes: an LFP cell must also have been seen nearly empty.
 SEEN_EMPTY_V = 3.1
 # A cycler holds no step shorter than this, and levels are multiples of that share.
 SHORTEST_S = 2.0
 LEVEL = 0.05
-# Of a piece of a drive cycle.
+# Duration of a piece of a drive cycle.
 DRIVE_S = 120
-# A rate in 1/h of the capacity, or pairs of SOC and rate, linear between them.
+# A rate in 1/h of the capacity, or pairs of SOC and rate with linear interpolation.
 Rate = float | Sequence[tuple[float, float]]
 
 
 @dataclass(frozen=True)
 class Step:
-    """A current held for a while.
+    """A current held for some time.
 
     Args:
-        block: The piece of the test that it belongs to.
+        block: The piece of the test it belongs to.
         duration_s: Its duration.
-        current_a: The current.
+        current_a: The current, positive on discharge.
     """
 
     block: str
@@ -64,15 +66,15 @@ class Limits:
     Args:
         low_v: Lowest voltage.
         high_v: Highest voltage.
-        discharge_c: Largest discharge in 1/h of the capacity; pairs of SOC and rate where it
-            follows the SOC, linear between them.
+        discharge_c: Largest discharge in 1/h of the capacity; pairs of SOC and rate if it depends
+            on the SOC, with linear interpolation.
         charge_c: Largest charge, likewise.
-        warming_k: How much the worst case may warm the cell in moving air.
-        margin_v: How far from both voltages the worst case stays.
-        beyond_soc: How far pieces may leave their stretch of SOC, where rates follow it.
-        share: Of the rates, what is used.
+        warming_k: Largest temperature rise of the cell in moving air in the worst case.
+        margin_v: Least distance of the worst case from both voltages.
+        beyond_soc: Largest excursion of pieces from their stretch of SOC, if rates depend on it.
+        share: Share of the rates that is used.
 
-    Raises `InputError` for voltages that leave nothing between them, and for rates that are none.
+    Raises `InputError` for voltages that leave nothing between them, and for invalid rates.
     """
 
     low_v: float
@@ -101,7 +103,7 @@ class Limits:
                 )
 
     def rates_a(self, capacity_ah: float, soc: Soc) -> tuple[Soc, Soc]:
-        """The largest discharge and charge in A that are named for these states of charge."""
+        """The largest discharge and charge in A given for these states of charge."""
         discharge_c, charge_c = (
             np.interp(soc, *np.transpose(_pairs(rate)))
             for rate in (self.discharge_c, self.charge_c)
@@ -109,8 +111,8 @@ class Limits:
         return discharge_c * capacity_ah, charge_c * capacity_ah
 
     def allowed(self, prior: Prior, high_soc: float, low_soc: float) -> tuple[float, float]:
-        """The largest discharge and charge in A between two states of charge, where resistances are
-        as large as they may be."""
+        """The largest discharge and charge in A between two states of charge, with worst-case
+        resistances."""
         soc = np.linspace(low_soc, high_soc, 5)
         tables, capacity_ah = prior.tables, prior.cell.capacity_ah
         total = np.sum([tables.at(name, soc) for name in tables.resistances], axis=0)
@@ -123,27 +125,27 @@ class Limits:
             max(0.0, min(float(limit), self.share * float(rate)))
             for limit, rate in zip((down, up), rates, strict=True)
         )
-        # A cell that is full, or as full as its OCV is known, cannot be charged.
+        # A cell that is full, or at the highest SOC with a known OCV, cannot be charged.
         is_full = high_soc + self.beyond_soc >= prior.planned_soc[1] - NEARLY_SOC
         return discharge_a, charge_a * (not is_full)
 
 
 def _pairs(rate: Rate) -> list[tuple[float, float]]:
-    """A rate over SOC, where it has one value at every SOC too."""
+    """A rate over SOC, including one with a single value."""
     return [(0.0, float(rate))] if isinstance(rate, int | float) else sorted(rate)
 
 
 def window_of(cell: CellModel, chemistry: str = "") -> tuple[float, float]:
-    """The lowest and the highest voltage that are usual for a chemistry, else for such an OCV.
+    """The lowest and the highest voltage usual for a chemistry, else for such an OCV.
 
-    An OCV that is not known of a full cell may be of either kind, unless it goes beyond one: then
-    the narrower limits are taken.
+    An OCV unknown at full may be of either kind, unless it exceeds the limits of one: the narrower
+    limits are taken.
     """
     if chemistry:
         return LFP_WINDOW_V if chemistry == "lfp" else WINDOW_V
     highest_soc = cell.soc_range[1]
     highest_v = float(cell.average_ocv_v(np.array([highest_soc]))[0])
-    # Of a cell without an OCV test, the fullest that was seen may be far from full.
+    # For a cell without an OCV test, the fullest observed point may be far from full.
     if highest_soc > NEARLY_FULL and not cell.ocv_is_fitted:
         return LFP_WINDOW_V if highest_v < LFP_FULL_V else WINDOW_V
     if highest_v > LFP_WINDOW_V[1]:
@@ -158,14 +160,14 @@ def hours_of(steps: Sequence[Step]) -> float:
 
 
 def sampled(steps: Sequence[Step], interval_s: float = INTERVAL_S) -> Samples:
-    """The current at every sample; the last step's end is the last one."""
+    """The current at every sample; the end of the last step is the last sample."""
     counts = [round(step.duration_s / interval_s) for step in steps]
     return np.append(np.repeat([step.current_a for step in steps], counts), steps[-1].current_a)
 
 
 def voltage_along(prior: Prior, loaded: PreparedRecord, worst: int = 0) -> Samples:
-    """The voltage that the prior predicts by the second; with `worst` the lowest (-1) or highest
-    (+1) where every resistance is as large as it may be."""
+    """The voltage predicted by the prior, every second; with `worst` the lowest (-1) or highest
+    (+1) for worst-case resistances."""
     soc, tables = loaded.soc, prior.tables
     driven_a = loaded.current_a * (np.interp(soc, tables.nodes, prior.worst) if worst else 1.0)
     first, *drops = [tables.at(name, soc) * driven_a for name in tables.resistances]
@@ -176,7 +178,7 @@ def voltage_along(prior: Prior, loaded: PreparedRecord, worst: int = 0) -> Sampl
 
 
 def bends(voltages_v: np.ndarray, start: int, last: int) -> list[int]:
-    """The first and the last sample, and those between with which straight lines are within
+    """The first and the last sample, and those in between needed for straight lines within
     `DRAWN_V` of the voltages (Douglas and Peucker 1973, but along the voltage)."""
     lines_v = np.linspace(voltages_v[:, start], voltages_v[:, last], last - start + 1, axis=1)
     off_v = np.abs(voltages_v[:, start : last + 1] - lines_v).max(axis=0)
@@ -187,7 +189,7 @@ def bends(voltages_v: np.ndarray, start: int, last: int) -> list[int]:
 
 
 def warming_of(prior: Prior, current_a: Samples, voltage_v: Samples, soc: Samples) -> float:
-    """The largest predicted rise of the temperature in K, where the voltage is so."""
+    """The largest predicted rise of the temperature in K at these currents and voltages."""
     heat_w = current_a * (prior.ocv_v(soc) - voltage_v)
     capacity_ah = prior.cell.capacity_ah
     times = (capacity_ah / WARMING_AH) ** (1 / 3)
@@ -202,8 +204,8 @@ def hppc_steps(
     high_soc: float = HIGH_SOC,
     low_soc: float = LOW_SOC,
 ) -> list[Step]:
-    """A pulse test as it is usually run: at every 10 % an hour of rest, 30 s of discharge, 40 s of
-    rest, 10 s of charge, and a move of C/3."""
+    """A usual pulse test: at every 10 % an hour of rest, 30 s of discharge, 40 s of rest, 10 s of
+    charge, and a move at C/3."""
     steps, levels = [], 1 + math.floor((high_soc - low_soc) / 0.1 + 1e-6)
     for level in range(levels):
         steps.append(Step("rest", 3600, 0.0))
@@ -224,7 +226,7 @@ def drive_levels() -> Float[np.ndarray, "seconds"]:
 def drive_steps(
     capacity_ah: float, largest_a: float, high_soc: float = HIGH_SOC, low_soc: float = LOW_SOC
 ) -> list[Step]:
-    """Other bundled drive cycles with such a largest current, from one SOC down to another."""
+    """Other bundled drive cycles with this largest current, from one SOC down to another."""
     current_a = read_record(bundled_file("identification")).current_a
     whole = np.tile(current_a / current_a.max() * largest_a, 4)
     soc = high_soc - np.cumsum(whole) / 3600 / capacity_ah
@@ -233,8 +235,8 @@ def drive_steps(
 
 
 def move(name: str, charge_ah: float, rate_a: float) -> Step:
-    """A step that takes a charge out (in, where it is negative) at up to a current; none for a
-    charge of a few seconds."""
+    """A step that removes a charge (adds it, if negative) at up to a current; none for a charge of
+    a few seconds."""
     seconds = math.ceil(3600 * abs(charge_ah) / rate_a)
     if seconds < SHORTEST_MOVE_S:
         return Step(name, 0.0, 0.0)
@@ -243,13 +245,13 @@ def move(name: str, charge_ah: float, rate_a: float) -> Step:
 
 @dataclass(frozen=True)
 class Block:
-    """Steps of constant current: how long each lasts, and its level.
+    """Steps of constant current: the duration and level of each.
 
     Args:
         name: Its name.
         durations_s: Duration of each step.
-        levels: Its level: a share of the largest current allowed at the state of charge where the
-            block stands; 1 is the largest discharge, -1 the largest charge, 0 a rest.
+        levels: Its level: a share of the largest current allowed at the block's state of charge; 1
+            is the largest discharge, -1 the largest charge, 0 a rest.
 
     >>> Block("pulse", (10.0, 40.0), (1.0, 0.0)).duration_s
     50.0
@@ -264,12 +266,12 @@ class Block:
         return sum(self.durations_s)
 
     def currents(self, discharge_a: float, charge_a: float) -> Float[np.ndarray, "steps"]:
-        """The current of every step in A, where so much discharge and charge are allowed."""
+        """The current of every step in A, given the allowed discharge and charge."""
         level = np.array(self.levels)
         return np.where(level > 0, level * discharge_a, level * charge_a)
 
     def steps(self, discharge_a: float, charge_a: float) -> list[Step]:
-        """Its steps, likewise."""
+        """The steps, given the allowed discharge and charge."""
         currents_a = self.currents(discharge_a, charge_a).tolist()
         return [Step(self.name, *held) for held in zip(self.durations_s, currents_a, strict=True)]
 
@@ -279,12 +281,12 @@ def candidate_blocks(
 ) -> tuple[Block, ...]:
     """The blocks that a design chooses from by default.
 
-    Pulses and rests, pseudo-random binary currents of several clocks, random steps, a multisine
-    and, where one is given, pieces of a drive cycle (`drive`, a level for every second).
+    Pulses and rests, pseudo-random binary currents with several clocks, random steps, a multisine
+    and, if `drive` is given, pieces of a drive cycle.
 
     Args:
-        key: What the random ones are drawn with.
-        drive: A drive cycle, 1 its largest discharge.
+        key: Random key.
+        drive: A drive cycle, a level for every second, 1 its largest discharge.
     """
     binary_key, step_key, sine_key, piece_key = jax.random.split(key, 4)
     pulses_s = (10.0, 40.0, 10.0, 40.0)
@@ -313,7 +315,7 @@ def candidate_blocks(
 
 
 def _random_steps(key: Array, longest_s: float, length_s: float) -> Block:
-    """Steps of random levels, with lengths as often short as long."""
+    """Steps of random levels, with short lengths as likely as long ones."""
     length_key, level_key = jax.random.split(key)
     count = int(length_s // SHORTEST_S)
     drawn = jax.random.uniform(length_key, (count,))
@@ -325,7 +327,7 @@ def _random_steps(key: Array, longest_s: float, length_s: float) -> Block:
 
 
 def _multisine(key: Array, length_s: int) -> Block:
-    """Sines of equal size from 16 s to the length, octave by octave, with random phases."""
+    """Sines of equal amplitude from 16 s to the length, octave by octave, with random phases."""
     periods = length_s / 2.0 ** np.arange(int(np.log2(length_s / 16)) + 1)
     phases = np.asarray(jax.random.uniform(key, (len(periods), 1))) * 2 * np.pi
     time_s = np.arange(0.0, length_s, 4.0)
@@ -334,7 +336,7 @@ def _multisine(key: Array, length_s: int) -> Block:
 
 
 def _joined(name: str, lengths: Sequence[float], levels: Float[np.ndarray, "steps"]) -> Block:
-    """A block of these steps; neighbors of one rounded level are one step."""
+    """A block of these steps; neighbors with the same rounded level are one step."""
     rounded = np.round(np.round(levels / LEVEL) * LEVEL + 0.0, 6).tolist()
     runs = groupby(zip(lengths, rounded, strict=True), lambda step: step[1])
     joined = [(float(sum(length for length, _ in run)), level) for level, run in runs]

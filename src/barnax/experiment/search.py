@@ -1,9 +1,10 @@
-"""The shortest test that reaches what is wanted: a pattern over the SOC, changed while that gains.
+"""The shortest test that gives what is wanted: a pattern over the SOC, changed as long as it
+improves.
 
 A test goes down the state of charge in stretches. Each has some blocks, a move at constant current
-that takes what charge is left, and a rest; rests share the time that is left of all. How many
-of each there are, how fast moves go, and where blocks and rests are dense is the pattern. Every
-change of it is predicted as a whole test: block by block, rests would look worth little.
+that takes the remaining charge, and a rest; rests share the remaining time. The numbers of each,
+the rate of moves, and the density of blocks and rests over the SOC are the pattern. Every change of
+it is predicted as a whole test: block by block, rests would look worth little.
 """
 
 import itertools
@@ -22,37 +23,39 @@ from .information import OVERSHOT, Normal, Prior, information_of
 from .protocol import INTERVAL_S, Block, Limits, Step, move, sampled, voltage_along, warming_of
 from .stored import Predicted
 
-# Widths over wished ones to a number: what a design lowers; and whether a test reaches them all.
+# From widths over wanted ones to a number: what a design minimizes; and whether a test reaches them
+# all.
 Criterion = Callable[[Float[np.ndarray, "wishes"]], float]
 Reaches = Callable[[Sequence[Step]], bool]
-# Tests are predicted on samples apart by this share of the fastest time constant, within limits.
+# Tests are predicted with a sampling interval of this share of the fastest time constant, within
+# limits.
 SHARE_OF_TAU, FINEST_S, COARSEST_S = 1 / 4, 1.0, 4.0
-# Equal parts of the state of charge, and how a pattern is changed: by these factors, up to so many
-# changes at once, with so many stretches.
+# Equal parts of the state of charge, and the changes of a pattern: these factors, up to this many
+# at once, and limits of the number of stretches.
 PARTS, FACTOR, SHARE_FACTOR = 4, 1.35, 1.6
 MOST_CHANGES, MANY = 3, 2**30
 FEWEST, MOST = 4, 40
-# What currents of a few digits may miss.
+# SOC that currents with few digits may miss.
 ROUNDED_SOC = 1e-4
-# The rest that a test starts with, and the shortest of the others, which are multiples of this.
+# The rest at the start of a test, and the shortest of the others, which are multiples of the last.
 SETTLE_S, SHORTEST_REST_S, REST_S = 300.0, 10.0, 2.0
-# The longest test, and how much longer one is looked at where none reaches what is wanted.
+# The longest test, and the factor for a longer one if none reaches what is wanted.
 MOST_HOURS, LONGER = 200.0, 2
 BISECTIONS, ADJUSTMENTS, SEARCHES = 6, 8, 3
-# Tests that a search predicts, that one for a shorter test does, and the patterns of their start.
+# Tests predicted in a search, and in one for a shorter test, and the patterns at their start.
 PREDICTIONS, FURTHER, STRETCHES, MOVE_C = 120, 60, (10, 18), 1.0
-# A test is not made shorter by less than this share.
+# A test is not shortened by less than this share.
 NEARLY_SHORTEST, ROUNDED = 0.03, 1.001
-# Of a longer test's pieces, what shares a shorter one is tried with, and by how much of what is
-# wanted it is reached well enough to look no further.
+# Shares of a longer test's pieces with which a shorter one is tried, and the ratio to the wanted
+# widths that ends a search.
 FEWER, WELL_REACHED = (0.6, 0.3), 0.97
-# By how much of the SOC a piece is first taken to leave its stretch, and by how much more than a
-# square law currents are lowered where they warm too much.
+# First assumed excursion of a piece from its stretch in SOC, and the factor by which currents that
+# warm too much are lowered beyond a square law.
 LEAST_BEYOND, LESS_WARM = 0.01, 0.95
 
 
 def worst_first(ratios: Float[np.ndarray, "wishes"]) -> float:
-    """The mean of the fourth powers: mostly the widest, and never blind to the others.
+    """The mean of the fourth powers: dominated by the widest, but sensitive to the others.
 
     >>> worst_first(np.array([1.0, 1.0])), worst_first(np.array([2.0, 0.0]))
     (1.0, 8.0)
@@ -62,8 +65,8 @@ def worst_first(ratios: Float[np.ndarray, "wishes"]) -> float:
 
 @dataclass(frozen=True)
 class Pattern:
-    """The makeup of a test: stretches, the rate of moves, how many blocks of each kind, and the
-    weights of equal parts of the state of charge, from full to empty."""
+    """The makeup of a test: stretches, the rate of moves, the number of blocks of each kind, and
+    the weights of equal parts of the state of charge, from full to empty."""
 
     stretches: int
     move_c: float
@@ -78,7 +81,7 @@ class Pattern:
         return weight / weight.sum()
 
     def dealt(self) -> list[list[int]]:
-        """The numbers of the blocks of every stretch: each kind evenly, by the density."""
+        """The indices of the blocks in every stretch: each kind evenly, by the density."""
         upper = np.cumsum(self.density)
         dealt: list[list[int]] = [[] for _ in range(self.stretches)]
         for block, count in enumerate(self.counts):
@@ -88,7 +91,7 @@ class Pattern:
         return dealt
 
     def fewer(self, share: float) -> "Pattern":
-        """The pattern with so much of every kind of block."""
+        """The pattern with this share of every kind of block."""
         return replace(self, counts=tuple(math.floor(share * count) for count in self.counts))
 
     def drawn(self, key: Array) -> "Pattern":
@@ -100,7 +103,7 @@ class Pattern:
         return pattern
 
     def changed(self, number: int) -> "Pattern | None":
-        """The pattern with one thing more or less; None if it cannot be less."""
+        """The pattern with one element more or less; None if it cannot have less."""
         choice, is_less = divmod(number, 2)
         some = max(1, self.stretches // 2) * (-1 if is_less else 1)
         if choice == 0:
@@ -124,7 +127,7 @@ class Pattern:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A pattern, the logarithm of its criterion, and its widest width over the wished one."""
+    """A pattern, the logarithm of its criterion, and its largest ratio of width to wanted width."""
 
     pattern: Pattern
     value: float
@@ -135,9 +138,9 @@ class Trial:
 class SearchSetup:
     """The patterns, limits and targets of a search.
 
-    `wished` are half the 95 % intervals wanted of unknowns, by their place: relative, in V of an
+    `wished` are half the 95 % intervals wanted of unknowns, by their index: relative, in V for an
     OCV. With `drive`, the mean product of columns on a drive cycle, the RMSE there is to be
-    `drive_v`. `last` are steps that end every test; one that discharges takes what charge is left.
+    `drive_v`. `last` are steps that end every test; one that discharges takes the remaining charge.
     """
 
     prior: Prior
@@ -152,18 +155,18 @@ class SearchSetup:
     last: tuple[Step, ...] = ()
 
     def warming_or(self, other: str) -> str:
-        """The warming where it lowers currents, else another option that limits a test."""
+        """The warming option if it limits currents, else another option that limits a test."""
         return "`max_warming`" if self.limits.share < 1 else other
 
     @cached_property
     def _allowed(self) -> Callable[[float, float], tuple[float, float]]:
-        """`Limits.allowed`, of stretches that come again and again."""
+        """`Limits.allowed`, cached for stretches that recur."""
         return cache(partial(self.limits.allowed, self.prior))
 
     def steps(self, pattern: Pattern, hours: float) -> list[Step] | None:
         """The whole test; None if it takes longer, or blocks too much charge."""
         capacity_ah = self.prior.cell.capacity_ah
-        # Where pieces dipped under the lowest state of charge that is known, it ends higher.
+        # If pieces went below the lowest known state of charge, it ends higher.
         is_held = bool(self.last) or self.prior.planned_soc[0] > 0
         end_soc = self.low_soc + self.limits.beyond_soc * is_held
         ends = np.linspace(self.high_soc, end_soc, pattern.stretches + 1).tolist()
@@ -174,7 +177,7 @@ class SearchSetup:
             steps = list(itertools.chain(*pieces))
             taken_ah += sum(step.duration_s * step.current_a for step in steps) / 3600
             left_ah = (self.high_soc - low) * capacity_ah - taken_ah
-            # Above what is emptied slowly, no piece goes below the last stretch.
+            # Above a slow discharge to empty, no piece goes below the last stretch.
             over_soc = min(OVERSHOT, low - self.low_soc) if self.last else OVERSHOT
             if left_ah < -(over_soc + ROUNDED_SOC) * capacity_ah:
                 return None
@@ -202,7 +205,7 @@ class SearchSetup:
         return [step for step in (*whole, *last) if step.duration_s > 0]
 
     def ratios(self, steps: Sequence[Step]) -> Float[np.ndarray, "wishes"]:
-        """Every wished value's width over the wished one, as a whole test is predicted."""
+        """Every wished value's width over the wanted one, predicted for the whole test."""
         fastest_s = SHARE_OF_TAU * self.prior.tables.tau_s[0]
         interval_s = min(max(fastest_s, FINEST_S), COARSEST_S)
         test = self.prior.loaded(sampled(steps, interval_s), self.high_soc, interval_s)
@@ -220,8 +223,8 @@ class SearchSetup:
     def searched(
         self, hours: float, key: Array, predictions: int, *starts: Pattern, until: float = 0.0
     ) -> Trial | None:
-        """The best test of so many hours that changes of the best of some patterns lead to, one to
-        three at a time, or the first whose widths are all at most `until` times the wished ones;
+        """The best test of `hours` reached by changing the best of some patterns, one to three
+        changes at a time, or the first whose widths are all at most `until` times the wanted ones;
         None if each of the patterns takes longer."""
         best, seen = None, set(starts)
         for start in starts:
@@ -238,7 +241,7 @@ class SearchSetup:
         return best
 
     def _better(self, best: Trial | None, pattern: Pattern, hours: float) -> Trial | None:
-        """The better of a test and one of another pattern, if that does not take longer."""
+        """The better of a test and one with another pattern, if that does not take longer."""
         steps = self.steps(pattern, hours)
         if steps is None:
             return best
@@ -250,7 +253,7 @@ class SearchSetup:
 
 @dataclass(frozen=True, eq=False)
 class DesignPlan:
-    """A test that keeps all limits: its steps, and how it goes."""
+    """A test that keeps all limits: its steps and its predicted course."""
 
     choice: SearchSetup
     pattern: Pattern
@@ -261,13 +264,13 @@ class DesignPlan:
 def planned(
     choice: SearchSetup, max_hours: float, key: Array, starts: int, reaches: Reaches
 ) -> DesignPlan:
-    """The shortest test that reaches the wishes, or the best of the time, within all limits."""
+    """The shortest test that fulfills the wishes, or the best in the time, within all limits."""
     best = None
     for _ in range(SEARCHES):
         best, choice = _kept(choice, _best(choice, max_hours, key, starts), max_hours)
         if best is not None:
             break
-        # Smaller currents may not bring back the charge that the pieces take.
+        # Lower currents may be unable to restore the charge that the pieces take.
     if best is None:
         raise InputError(
             f"no test stays between {choice.limits.low_v:g} and {choice.limits.high_v:g} V in the "
@@ -281,7 +284,7 @@ def planned(
         if hours - shortest < NEARLY_SHORTEST * hours:
             break
         middle, draw_key = (shortest + hours) / 2, jax.random.fold_in(key, number)
-        # Pieces of a longer test may not fit: fewer of them, and what a fast pass starts from.
+        # The pieces of a longer test may not fit: fewer of them, and the starts of a fast search.
         patterns = [best.pattern, *map(best.pattern.fewer, FEWER), *fast]
         shorter = best.choice.searched(middle, draw_key, FURTHER, *patterns, until=WELL_REACHED)
         plan = None if shorter is None else _kept(best.choice, shorter, middle)[0]
@@ -293,8 +296,8 @@ def planned(
 
 
 def _kept(choice: SearchSetup, trial: Trial, hours: float) -> tuple[DesignPlan | None, SearchSetup]:
-    """A found test with its currents lowered until it keeps all limits, None if it cannot, and the
-    choice with its limits tightened by that."""
+    """A test with its currents lowered until it keeps all limits, None if it cannot, and the setup
+    with its limits tightened accordingly."""
     for _ in range(ADJUSTMENTS):
         steps = choice.steps(trial.pattern, hours)
         if steps is None:
@@ -307,13 +310,13 @@ def _kept(choice: SearchSetup, trial: Trial, hours: float) -> tuple[DesignPlan |
 
 
 def is_reached_in(hours: float, plan: DesignPlan, key: Array, reaches: Reaches) -> bool:
-    """True where a test of so many hours is found that reaches what a shorter plan does not."""
+    """True if a test of this many hours fulfills the wishes that a shorter plan does not."""
     longer, _ = _kept(plan.choice, _best(plan.choice, hours, key, 1), hours)
     return longer is not None and reaches(longer.steps)
 
 
 def _best(choice: SearchSetup, max_hours: float, key: Array, starts: int) -> Trial:
-    """The best of several searches. Raises `InputError` if no test is so short."""
+    """The best of several searches. Raises `InputError` if no test is this short."""
     patterns = _starts_of(choice)
     searches = [
         choice.searched(max_hours, jax.random.fold_in(key, number), PREDICTIONS, *patterns)
@@ -342,7 +345,7 @@ def _best(choice: SearchSetup, max_hours: float, key: Array, starts: int) -> Tri
 
 
 def _starts_of(choice: SearchSetup, move_c: float = MOVE_C) -> list[Pattern]:
-    """The patterns that a search starts from: moves and rests alone, and with pieces of a kind."""
+    """The patterns at the start of a search: moves and rests alone, and with pieces of one kind."""
     kinds = len(choice.blocks)
     return [
         Pattern(stretches, move_c, tuple(stretches * (kind == number) for number in range(kinds)))
@@ -362,15 +365,16 @@ def _least_hours(choice: SearchSetup, patterns: Sequence[Pattern]) -> float:
 
 
 def _simulated(choice: SearchSetup, steps: Sequence[Step]) -> tuple[Predicted, Limits]:
-    """The test as it goes, and the limits of the choice, tightened where its worst case leaves a
-    voltage, warms too much, or has a current over what is named for its state of charge."""
+    """The predicted course of the test, and the limits of the setup, tightened if its worst case
+    leaves a voltage limit, warms too much, or has a current above that given for its state of
+    charge."""
     prior, limits, current_a = choice.prior, choice.limits, sampled(steps)
     test = prior.loaded(current_a, choice.high_soc)
     soc, voltages_v = test.soc, (voltage_along(prior, test, worst) for worst in (0, -1, 1))
     voltage_v, low_v, high_v = voltages_v
     loaded = steps[: len(steps) - len(choice.last)]
     counts = np.arange(len(current_a)) <= sum(round(s.duration_s / INTERVAL_S) for s in loaded)
-    # The rest of a full cell is at its highest voltage, and no test's doing.
+    # The rest of a full cell is at its highest voltage, and not caused by the test.
     charges = counts & (current_a < 0)
     under_v, over_v = counts * (limits.low_v - low_v), charges * (high_v - limits.high_v)
     beyond_v = float(np.max([under_v, over_v]))
@@ -380,7 +384,7 @@ def _simulated(choice: SearchSetup, steps: Sequence[Step]) -> tuple[Predicted, L
     low_soc = choice.low_soc - ROUNDED_SOC if choice.last else low_soc
     is_outside = counts & ((soc < low_soc) | (soc > high_soc + 1e-9))
     discharge_a, charge_a = limits.rates_a(prior.cell.capacity_ah, soc)
-    # A current holds until the next sample, by when its limit may have passed it a little.
+    # A current is held until the next sample, by when it may have passed its limit slightly.
     is_above = (current_a > ROUNDED * discharge_a) | (-current_a > ROUNDED * charge_a)
     for is_beyond in (is_outside, is_above):
         if np.any(is_beyond):

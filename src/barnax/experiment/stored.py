@@ -1,4 +1,4 @@
-"""A designed test as it is stored: its steps, and what they are predicted to tell."""
+"""A designed test as stored: its steps, and its predicted intervals."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
@@ -22,10 +22,10 @@ from .protocol import INTERVAL_S, Limits, Step, bends
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# A sample within so much of the end of a step is at it; so many of these, and all of them to this
-# share, show how a current is sampled.
+# A sample within this time of the end of a step is at it; this many of them, and all of them up to
+# this share, determine how a current is sampled.
 ON_TIME_S, FEWEST_MET, CLEARLY = 0.05, 10, 0.1
-# Where tables are wanted.
+# Range of SOC in which tables are wanted.
 WANTED_SOC = (0.1, 0.9)
 Span = tuple[float, float]
 Value = TypeVar("Value")
@@ -45,7 +45,7 @@ def is_within(soc: float | None, wanted_soc: Span) -> bool:
 
 
 def inside(values: Iterable[tuple[Name, Value]], wanted_soc: Span) -> dict[str, list[Value]]:
-    """The values at nodes where they are asked for, and of the error on a drive cycle, by table."""
+    """The values at nodes within the wanted range, and of the error on a drive cycle, by table."""
     by_name = defaultdict[str, list[Value]](list)
     for (name, soc), value in values:
         if short(name) == DRIVE or is_within(soc, wanted_soc):
@@ -54,8 +54,8 @@ def inside(values: Iterable[tuple[Name, Value]], wanted_soc: Span) -> dict[str, 
 
 
 def is_enough(name: str, half: float, wanted: float) -> bool:
-    """True where half an interval is as wanted, as both are shown: a percentage with two digits, a
-    voltage in hundredths of a mV.
+    """True if half an interval is as wanted, both rounded as displayed: a percentage with two
+    digits, a voltage in hundredths of a mV.
 
     >>> is_enough("R0", 0.0204, 0.02), is_enough("R0", 0.0206, 0.02), is_enough("OCV", 15e-3, 15e-3)
     (True, False, True)
@@ -65,8 +65,8 @@ def is_enough(name: str, half: float, wanted: float) -> bool:
 
 
 def halves_of(interval: NodeInterval) -> tuple[float, float] | None:
-    """Half an interval of a fit in the measure of a design: what more samples would narrow, and as
-    it is printed. None if nothing tells it."""
+    """Half an interval of a fit as a design counts it: the part that more samples would narrow, and
+    as printed. None if it is not determined."""
     scale = interval.value if interval.name.startswith(("R", "tau")) else 1.0
     if interval.low is None or interval.high is None or not scale > 0:
         return None
@@ -75,7 +75,7 @@ def halves_of(interval: NodeInterval) -> tuple[float, float] | None:
 
 
 def followed(dependence: Dependence | None) -> tuple[str, ...]:
-    """The quantities beside SOC on which resistances depend, in words."""
+    """The quantities besides SOC on which resistances depend, in words."""
     words = {ONSET: "the current", CHARGE: "its direction", KAPPA: "the cell's own heat"}
     words |= {BETA: "the temperature"}
     numbers = {} if dependence is None else dependence.numbers
@@ -83,17 +83,16 @@ def followed(dependence: Dependence | None) -> tuple[str, ...]:
 
 
 class Predicted(Part):
-    """The predicted test: both ends of every step, and where the voltage bends
-    between them.
+    """The predicted test: both ends of every step, and the bends of the voltage in between.
 
     Attributes:
         time_s: Time.
         current_a: Current.
         voltage_v: Voltage.
-        low_v: The lowest that it may be.
-        high_v: The highest that it may be.
+        low_v: Lowest possible voltage.
+        high_v: Highest possible voltage.
         soc: State of charge.
-        warming_k: The largest warming of the cell, in moving air.
+        warming_k: Largest temperature rise of the cell, in moving air.
     """
 
     time_s: Annotated[np.ndarray, ARRAY]
@@ -108,13 +107,13 @@ class Predicted(Part):
     def of(
         cls, steps: Sequence[Step], warming_k: float, **by_second: Float[np.ndarray, "seconds"]
     ) -> "Predicted":
-        """The traces of a test whose current, voltages and SOC are given by the second."""
+        """The traces of a test whose current, voltages and SOC are given every second."""
         ends = np.cumsum([round(step.duration_s / INTERVAL_S) for step in steps])
         starts = np.append(0, ends[:-1])
         voltages_v = np.stack([by_second[name] for name in ("voltage_v", "low_v", "high_v")])
         of_steps = [bends(voltages_v, *span) for span in zip(starts, ends - 1, strict=True)]
         at = np.concatenate(of_steps)
-        # A step's last value is held until the next step, so that jumps are drawn upright.
+        # The last value of a step is held until the next step, so that jumps are drawn vertical.
         is_last = np.cumsum([len(drawn) for drawn in of_steps]) - 1
         time_s = INTERVAL_S * at
         time_s[is_last] = INTERVAL_S * ends
@@ -123,18 +122,18 @@ class Predicted(Part):
 
     @classmethod
     def none(cls) -> "Predicted":
-        """The traces of no test."""
+        """Empty traces."""
         signals = [name for name in cls.model_fields if name != "warming_k"]
         return cls(warming_k=0.0, **dict.fromkeys(signals, np.empty(0)))
 
 
 class Reference(Part):
-    """Duration and information of a usual test.
+    """Duration and information of a usual test, for comparison.
 
     Attributes:
-        name: What it is.
+        name: Name of the test.
         hours: Its duration.
-        widths: What it is predicted to tell.
+        widths: Predicted intervals.
     """
 
     name: str
@@ -146,31 +145,32 @@ class Design(Document):
     """A test to run next.
 
     Attributes:
-        capacity_ah: Capacity that it is for.
-        limits: What it keeps: voltages, and rates in 1/h of the capacity.
-        temperature_degc: Temperature that it is for, None if not given.
-        wanted: Half the 95 % intervals that were asked for, by table: relative, in V for an OCV.
+        capacity_ah: Capacity of the cell.
+        limits: Limits of the test: voltages, and rates in 1/h of the capacity.
+        temperature_degc: Temperature of the test, None if not given.
+        wanted: Half the 95 % intervals wanted, by table: relative, in V for an OCV.
         is_reached: Whether all of them are predicted to be reached.
         hours: Its duration, from the rest at its start on.
         steps: All steps of constant current, in order.
         widths: Predicted intervals.
-        references: Usual tests with the same currents, in comparison.
+        references: Usual tests with the same currents, for comparison.
         predicted: Predicted course.
         initial_soc: State of charge at its start.
-        start_v: The OCV that brings the cell there, if full is not given.
+        start_v: OCV that brings the cell there, if full is not identified.
         wanted_soc: Range of the state of charge in which the intervals are wanted.
-        hours_searched: The longer time of a test that was looked for where they are not reached;
-            None if no test is longer.
-        hours_needed: The same where a test of that time would reach them.
+        hours_searched: The longer duration that was searched if they are not reached; None if there
+            is no longer test.
+        hours_needed: That duration if a test of it would reach them.
         finds_ocv: Whether the test also gives the OCV.
-        earlier: The records that count, and are to be identified with the test's.
+        earlier: The records that count, and are to be identified together with the test's.
         untold: Reason why those of the result do not count.
         error: The assumed error of a fit.
         already: The names whose aims the earlier records reach.
         printed: Half the intervals that the result prints, medians by table.
-        beyond: What these reach over that no test narrows: "hold" for both holds of the current,
-            "pair" for one that R0 may hide.
-        follows: What the result's resistances follow beside SOC, which the promise leaves out.
+        beyond: Causes of wider intervals that no test removes: "hold" for both holds of the
+            current, "pair" for a pair that R0 may hide.
+        follows: Quantities besides SOC on which the result's resistances depend, which the
+            prediction ignores.
         key: Random key.
     """
 
@@ -210,15 +210,16 @@ class Design(Document):
 
     @property
     def is_needed(self) -> bool:
-        """False where the earlier records tell what is wanted, and no hours were asked for: then
-        there is no test."""
+        """False if the earlier records determine what is wanted, and no duration was requested:
+        then there is no test."""
         return bool(self.steps)
 
     def sampling_of(self, record: Record) -> Hold | None:
         """The side of its samples on which the current of the test's own record flowed.
 
-        A sample at the end of a step shows the next one where its current flows after it. None if
-        too few samples are there, or the record does not begin with the test or is another's.
+        If the current flows after its sample, a sample at the end of a step has the current of the
+        next step. None if there are too few such samples, or the record does not begin with the
+        test or belongs to another.
         """
         time_s, steps_a = record.time_s, np.array([step.current_a for step in self.steps])
         ends_s = np.cumsum([step.duration_s for step in self.steps])
@@ -233,7 +234,7 @@ class Design(Document):
         return None
 
     def of_table(self, name: str, widths: Sequence[Width] | None = None) -> tuple[Width, ...]:
-        """The widths of a table, such as "R0", where it is wanted."""
+        """The widths of a table, such as "R0", in the wanted range."""
         chosen = self.widths if widths is None else widths
         named = (((width.name, width.soc), width) for width in chosen)
         return tuple(inside(named, self.wanted_soc)[name])
@@ -244,5 +245,5 @@ class Design(Document):
         return [(name, [*steps]) for name, steps in groupby(self.steps, lambda step: step.block)]
 
     def figure(self) -> "Figure":
-        """Current, voltage and state of charge as they are predicted."""
+        """Predicted current, voltage and state of charge."""
         return hook("Design.figure")(self)

@@ -1,4 +1,4 @@
-"""Ageing of the cells of a fleet's dataset: trends with intervals, and odd cells."""
+"""Ageing of the cells in a fleet's dataset: trends with intervals, and outlying cells."""
 
 import re
 from collections.abc import Iterable, Iterator
@@ -15,31 +15,33 @@ from .rows import ages_of, ampere_hours, with_pooled_shapes
 from .trends import Judged, Series, judge
 
 QUANTITIES = (CAPACITY, R0, R, SHIFT)
-# Columns that say how old a cell was, and which it is, where nothing is chosen.
+# Columns tried by default for the age of a cell, and for its name.
 AGES = ("date", "age", "year", "month", "week", "day", "cycle", "efc", "throughput")
 NAMES = ("specimen", "cell_name", "name", "serial", "cell_id")
-# Years in a unit of time; of what is no time, so many of its units are judged as a year.
+# Years per unit of time; for other quantities, the number of units judged like a year.
 YEARS = {"year": 1.0, "month": 1 / 12, "week": 7 / 365.25, "day": 1 / 365.25}
 CYCLES_A_YEAR = 365.0
-# Lithium-ion cells are hardly older.
+# Lithium-ion cells are hardly older than this.
 MOST_YEARS = 40
-# With fewer cells nobody can say what is odd; covariates that vary by less say nothing.
+# Fewer cells do not define an outlier; covariates that vary by less are not informative.
 FEWEST, LEAST_K = 8, 2.0
-# Errors of so many OCVs are told apart over the whole fleet; those of more within each cell.
+# Errors of up to this many OCVs are separated over the whole fleet; those of more, within each
+# cell.
 MOST_OCVS = 8
-# Errors in common that add less than this share of the largest are left out.
+# Common errors that add less than this share of the largest are left out.
 LEAST_ERROR = 0.02
 OCV = "aged beside OCV"
-# The cells of which a quantity is known, and their model.
+# The cells for which a quantity is known, and their model.
 Fleet = tuple[tuple[str, ...], Judged]
 TO_EMPTY = "aged capacity to empty"
 
 
 @dataclass(frozen=True)
 class Trend:
-    """A quantity of a cell at the ages of its records: what each tells, and the smooth trend, both
-    with 95 % intervals, and at the reference temperature where there is one. What a record does not
-    determine is NaN, and so is the trend outside of the first and the last that do."""
+    """A quantity of a cell at the ages of its records: the estimate from each, and the smooth
+    trend, both with 95 % intervals, and at the reference temperature if there is one. It is NaN for
+    a record that does not determine it, and the trend is NaN before the first and after the last
+    that do."""
 
     cell: str
     quantity: str
@@ -49,14 +51,15 @@ class Trend:
 
     @property
     def estimates(self) -> int:
-        """Number of records that tell it."""
+        """Number of records that determine it."""
         return int(np.count_nonzero(np.isfinite(self.measured[:, 0])))
 
 
 @dataclass(frozen=True)
 class Fault:
-    """A cell's departure from the fleet in a quantity: from which age on and by how much, in its
-    unit, of capacity and resistances as a share; `slope` and `knee` by unit of age."""
+    """A cell's departure from the fleet in a quantity: its first age and its size, in the
+    quantity's unit, or as a share for capacity and resistances; `slope` and `knee` per unit of
+    age."""
 
     cell: str
     quantity: str
@@ -69,10 +72,10 @@ class Fault:
 @dataclass(frozen=True)
 class Life:
     """A fleet over its ages, which are counted in `unit` from the first. `judged` has the models,
-    by quantity. `cycles` are equivalent full cycles of each cell at its last record, as far as
-    `counts_cycles`; otherwise those within the records alone. `without_empty` counts the rows whose
-    capacity no record from full to a rest near empty shows, `without_age` those left out for
-    want of a name or an age; `twice` are rows of one cell at one age."""
+    by quantity. `cycles` are equivalent full cycles of each cell at its last record, if
+    `counts_cycles`; otherwise those within the records only. `without_empty` counts the rows whose
+    capacity no record from full to a rest near empty determines, `without_age` those left out for
+    lack of a name or an age; `twice` are rows of one cell at one age."""
 
     unit: str
     first_age: float
@@ -93,7 +96,7 @@ class Life:
     twice: tuple[str, ...]
 
     def of(self, quantity: str, cell: str | None = None) -> list[Trend]:
-        """Trends of a quantity, of all cells or one."""
+        """Trends of a quantity, for all cells or one."""
         return [
             trend for trend in self.trends
             if trend.quantity == quantity and cell in (None, trend.cell)
@@ -119,15 +122,15 @@ def life_of(
     """A fleet's ageing from its dataset.
 
     Args:
-        rows: Rows of a fleet that was identified with `ageing`.
-        age: Its column with dates, or with ages in days, months, years, cycles or ampere-hours.
-        by: Its column that names the cell of a row.
-        throughput: Its column of ampere-hours that have passed since the cell was new.
-        false_alarms: How many cells a year may be flagged without any fault, of each cell.
-        key: Of the random fleets without faults that say what is odd.
+        rows: Rows of a fleet identified with `ageing`.
+        age: Column with dates, or with ages in days, months, years, cycles or ampere-hours.
+        by: Column that names the cell of a row.
+        throughput: Column with the ampere-hours passed since the cell was new.
+        false_alarms: Expected number of false alarms per cell and year.
+        key: Random key for the fleets without faults that set the threshold.
 
-    Raises `InputError` if there is no such column, or none that tells, where a value of it is no
-    age, and where all rows are of one age.
+    Raises `InputError` if such a column is missing or not given by its name, if a value of it is no
+    age, and if all rows have one age.
     """
     if OCV not in rows.columns:
         raise InputError("the dataset says nothing of ageing; identify the fleet with `ageing`")
@@ -196,7 +199,7 @@ def life_of(
 
 
 def _last_passed_ah(rows: pl.DataFrame, cell: str, throughput: str | None) -> float:
-    """The ampere-hours since new that a cell's last row with any tells."""
+    """The ampere-hours since new from the last row of a cell that has any."""
     passed_ah = rows["_passed"].drop_nulls().to_list()
     if not passed_ah:
         raise InputError(f"`throughput` {throughput}: no row of {cell} has ampere-hours there")
@@ -204,7 +207,7 @@ def _last_passed_ah(rows: pl.DataFrame, cell: str, throughput: str | None) -> fl
 
 
 def _column(rows: pl.DataFrame, chosen: str | None, usual: Iterable[str], option: str) -> str:
-    """The chosen column, else the first whose name is usual."""
+    """The chosen column, else the first with a usual name."""
     measured = re.compile(r"id|record throughput \[A\.h\]|aged .*")
     columns = [name for name in rows.columns if not measured.fullmatch(name)]
     usual_columns = [name for start in usual for name in columns if name.lower().startswith(start)]
@@ -218,7 +221,7 @@ def _column(rows: pl.DataFrame, chosen: str | None, usual: Iterable[str], option
 def _judged(
     by_cell: dict[str, pl.DataFrame], quantity: str, expected: float, rng: np.random.Generator
 ) -> Fleet | None:
-    """The cells of which a quantity is known, and their model; None if there are none."""
+    """The cells for which a quantity is known, and their model; None if there are none."""
     is_given = pl.col(f"aged {quantity}").is_not_null()
     given = {name: rows.filter(is_given) for name, rows in by_cell.items()}
     given = {name: rows for name, rows in given.items() if len(rows)}
@@ -230,8 +233,8 @@ def _judged(
 
 
 def _series(by_cell: dict[str, pl.DataFrame], quantity: str) -> Series:
-    """The estimates of a quantity. Where it is told beside an OCV, that is a little wrong, and so
-    are all estimates beside it."""
+    """The estimates of a quantity. If they depend on an OCV, its error is common to all estimates
+    made with it."""
     shape = len(by_cell), max(map(len, by_cell.values()))
     ocvs = sorted({ocv or "" for rows in by_cell.values() for ocv in rows[OCV]})
     sizes = {
@@ -267,7 +270,7 @@ def _series(by_cell: dict[str, pl.DataFrame], quantity: str) -> Series:
 
 
 def _condensed(errors: Float[np.ndarray, "cells n errors"]) -> Float[np.ndarray, "cells n few"]:
-    """Fewer errors that add the same to all estimates, without those that add hardly anything."""
+    """Fewer errors with the same effect on all estimates, without those of hardly any effect."""
     if not errors.size:
         return errors
     turned, sizes, _ = np.linalg.svd(errors.reshape(-1, errors.shape[2]), full_matrices=False)

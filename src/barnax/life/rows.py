@@ -1,21 +1,20 @@
-"""Ageing in the rows of a fleet's dataset: what a row's records tell, the age of each row, and its
-quantities by what all of them tell.
+"""Ageing in the rows of a fleet's dataset: the estimates from a row's records, the age of each row,
+and its quantities given all rows.
 
 Ages are dates of all kinds, or numbers in a unit of time or use.
 
-A row says what each quantity is, and how probable its records are, under every size s
-that a change of the OCV's shape may have (`over_soc.ageing`). One record hardly tells a small s,
-and what it does not tell may be another capacity; what it does not tell of a fleet's cells, these
-tell together. A cell's change is one walk that grows as it ages, so that its rows repeat each
-other, and its early ones say nothing of its late ones. Other cells at about that age are other
-draws: a row r has the probabilities
+A row gives each quantity, and the probability of its records, for every size s of the change of the
+OCV's shape (`over_soc.ageing`). One record hardly determines a small s, and the part it leaves open
+may be another capacity; the cells of a fleet determine it together. A cell's change is one walk
+that grows as it ages, so its rows repeat each other, and its early ones contain no information
+about its late ones. Other cells at about that age are other draws: a row r has the probabilities
 
     P_r(s) ~ pi(s) P(r | s),
 
-pi those among the others, each of which has one vote, by its row nearest in age. They are from the
-largest likelihood, with the usual odds as one cell more (Dempster, Laird and Rubin 1977). One cell
-in five may be like none of the others, with the usual odds: a few that change among many that do
-not are found late otherwise.
+pi those among the others, each of which has one vote, by its row nearest in age. They maximize the
+likelihood, with the usual prior weights as one more cell (Dempster, Laird and Rubin 1977). One cell
+in five may be unlike all others, with the usual weights: otherwise a few that change among many
+that do not are detected late.
 """
 
 import datetime
@@ -48,8 +47,8 @@ from ..over_soc.registration import REACH
 from ..over_soc.settings import TableSettings
 
 Ages = Float[np.ndarray, "rows"]
-# What a column's name says of its unit, by a word or an abbreviation that stands alone: the unit
-# that ages are told in, and how much of it that is.
+# Units in a column's name, as a word or a separate abbreviation: the unit in which ages are
+# reported, and the size of the named unit in it.
 _UNITS = (
     ("efc|cycle", "cyc", "cycle", 1.0),
     ("milliampere", r"ma\W?h", "A.h", 1e-3),
@@ -63,31 +62,31 @@ _UNITS = (
     ("month", "mos?", "month", 1.0),
     ("year", "y|yrs?", "year", 1.0),
 )
-# A capacity that is so far off shows in the slower resistances.
+# A capacity this far off has an effect on the slower resistances.
 OTHER_CAPACITY = 0.01
-# Without a unit, numbers so large are days such as 20240115, or seconds since 1970, thousandths of
-# them and so on; such a small one in a column of dates may be a year.
+# Without a unit, numbers this large are days such as 20240115, or seconds since 1970, thousandths
+# of them and so on; one this small in a column of dates may be a year.
 _COMPACT, _EPOCH_S, _YEARS = (19_000_101, 22_001_231), (6.3e8, 4.2e9), (1900, 2200)
-# Days that spreadsheets count go to that of the year 2100.
+# Days counted by spreadsheets end in the year 2100.
 _LATEST_DAY = 73_051
 EVIDENCE = "aged log evidence by shape"
 ANOTHER, ROUNDS = 0.2, 200
-# Ages of a fleet are told apart in so many parts of its span, and a cell without a row within this
+# A fleet's ages are divided into this many parts of its span, and a cell without a row within this
 # share of the span has no vote.
 PARTS, NEAR = 10, 0.25
 
 
 def ages_of(column: pl.Series, name: str) -> tuple[Ages, str]:
-    """The age of every row, NaN where it has none, and its unit; of dates, days since the first.
+    """The age of every row, NaN if it has none, and the unit; for dates, days since the first.
 
-    Dates are of any type, ISO texts, numbers such as 20240115, and seconds since 1970 or parts of
-    them; without a time zone they are in UTC. Raises `InputError` for a value that is neither a
-    number nor a date, and where it may be either.
+    Dates may be of any type, ISO texts, numbers such as 20240115, and seconds since 1970 or parts
+    of them; without a time zone they are in UTC. Raises `InputError` for a value that is neither a
+    number nor a date, and if it may be either.
     """
     if column.dtype == pl.String:
         column = column.replace("", None)
         number = column.cast(pl.Float64, strict=False)
-        # A text that is no number makes all of them dates, unless most are numbers.
+        # A text that is not a number makes all of them dates, unless most are numbers.
         is_text = number.is_null() & column.is_not_null()
         if is_text.any() and 2 * is_text.sum() < len(column) - column.null_count():
             row = is_text.arg_true()[0]
@@ -124,7 +123,7 @@ def ages_of(column: pl.Series, name: str) -> tuple[Ages, str]:
             f"`age` {name}: row {row} is {number[row - 1]:.12g}, which is neither an age in days "
             "nor a date beside the others; write dates as 2024-01-15, and none as nothing"
         )
-    # Days that a spreadsheet counts are those of a date.
+    # Days counted by a spreadsheet belong to dates.
     unknown = re.search(r"(?:[\[(]\s*|age[\W_]+(?!date))([a-z]+)\s*[\])]?$", lower)
     if unknown and not lower.startswith("date"):
         raise InputError(
@@ -137,7 +136,7 @@ def ages_of(column: pl.Series, name: str) -> tuple[Ages, str]:
 
 
 def _unit_said(name: str) -> tuple[float, str] | None:
-    """The unit that a column's name says, in which ages are told, and how much of it that is."""
+    """The unit in a column's name: the unit in which ages are reported, and its size in that."""
     for word, short, unit, factor in _UNITS:
         if re.search(rf"{word}|(?<![a-z])({short})(?![a-z])", name.lower()):
             return factor, unit
@@ -145,7 +144,8 @@ def _unit_said(name: str) -> tuple[float, str] | None:
 
 
 def ampere_hours(column: pl.Series, name: str) -> pl.Series:
-    """The ampere-hours of every row, in the unit that the name says; null for what is none."""
+    """The ampere-hours of every row, in the unit given by the name; null if a value is not a
+    number."""
     factor, unit = _unit_said(name) or (1.0, "A.h")
     number = column.cast(pl.Float64, strict=False)
     number = number.set((~number.is_finite()).fill_null(False), None)
@@ -170,8 +170,9 @@ def _date(text: str | None, row: int, name: str) -> datetime.datetime | None:
 def ageing_row(
     records: Sequence[PreparedRecord], *, is_fitted_ocv: bool = False
 ) -> tuple[dict[str, Any], list[Notice]]:
-    """Values of a cell's ageing from its records at one age, under "aged" names, and what is
-    doubtful of them; `is_fitted_ocv` where no other records, and no OCV test, gave its OCV."""
+    """Values of a cell's ageing from its records at one age, under "aged" names, and notices of
+    doubtful ones; `is_fitted_ocv` if its OCV comes neither from other records nor from an OCV
+    test."""
     passed_as = sum(
         float(np.abs(prepared.record.interval_current_a) @ np.diff(prepared.record.time_s))
         for prepared in records
@@ -201,7 +202,7 @@ def ageing_row(
 
 
 def _doubts(ageing: Mapping[str, Aged], used: PreparedRecord) -> Iterator[Notice]:
-    """Notices that values have not settled, and that a record shows a capacity which differs from
+    """Notices that values have not settled, and that a record implies a capacity which differs from
     its circuit's by more than is negligible."""
     if not all(value.is_settled for value in ageing.values()):
         yield Notice("ageing.not-settled", subject=used.record.name)
@@ -217,8 +218,8 @@ def _doubts(ageing: Mapping[str, Aged], used: PreparedRecord) -> Iterator[Notice
 def with_pooled_shapes(
     rows: pl.DataFrame, names: str, ages: str, quantities: Sequence[str]
 ) -> pl.DataFrame:
-    """Rows with their quantities, intervals, and errors by the OCV of before, by what all of them
-    tell of shapes; as they are where they do not say how that would be."""
+    """Rows with their quantities, intervals, and errors due to the earlier OCV, using the shapes
+    pooled over all rows; unchanged if they lack the values for each shape."""
     if EVIDENCE not in rows.columns:
         return rows
     evidence = np.full((len(rows), len(SHAPE_ODDS)), np.nan)

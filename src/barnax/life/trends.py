@@ -1,20 +1,19 @@
-"""Smooth trends of many cells over age, pooled over the fleet, and the cells that depart from it.
+"""Smooth trends of many cells over age, pooled over the fleet, and the cells that depart from them.
 
 The estimates y of a quantity of cell c at ages t, with stated variances v, are
 
     y = X beta + z_c(t) + e,    z_c = a_c + b_c t + w_c(t),    e ~ N(0, k^2 v + s^2),
 
-X beta the fleet's shape: a line, an integrated Wiener process, what a covariate adds, and what
-errors add that estimates have in common; a cell's own level, slope and integrated Wiener process
-have variances that all cells share. Any of these alone is a cubic smoothing spline (Wahba 1978).
-The standard deviations are those of the largest
-restricted likelihood (Patterson and Thompson 1971), in which beta is integrated out in closed form:
-with V_c the covariance of a cell and A = sum X'V^-1 X + P,
+X beta is the fleet's shape: a line, an integrated Wiener process, the effect of a covariate, and
+that of common errors of the estimates; a cell's own level, slope and integrated Wiener process have
+variances shared by all cells. Any of these alone is a cubic smoothing spline (Wahba 1978). The
+standard deviations maximize the restricted likelihood (Patterson and Thompson 1971), in which beta
+is integrated out in closed form: with V_c the covariance of a cell and A = sum X'V^-1 X + P,
 
     -2 log L = sum log|V_c| + log|A| - log|P| + y'V^-1 y - b'A^-1 b,    b = sum X'V^-1 y.
 
-A shape h that a fault would add to a cell is judged by its score z = h'Q y / sqrt(h'Q h) with
-Q = V^-1 - V^-1 X A^-1 X'V^-1, normal where there is no fault.
+A shape h that a fault would add to a cell is judged by its score z = h'Q y / sqrt(h'Q h) with Q =
+V^-1 - V^-1 X A^-1 X'V^-1, which is normal without a fault.
 """
 
 from collections.abc import Sequence
@@ -28,16 +27,16 @@ from scipy.special import ndtr, stdtrit
 
 # Knots of the fleet's shape, spread over all ages.
 KNOTS = 8
-# Ages at a hinge or step need so many others on either side.
+# Ages at a hinge or step need this many others on either side.
 ASIDE = 2
-# Estimates scatter at least by such a share of their stated errors, which are for the worse case,
-# such as of a charge that ends full more evenly than is believed.
+# Estimates scatter by at least this share of their stated errors, which are conservative, for
+# example because charges end full more evenly than assumed.
 LEAST_SHARE = 0.5
-# What a fault adds is free within so many times what was found.
+# The size of a fault has a prior of this many times its estimate.
 FREE = 3.0
 DRAWS, MOST_SIMULATED = 4000, 300
 ROUNDS = 8
-# The share of cells, those that depart least, of which the spread is taken at first.
+# The share of cells with the smallest departures, from which the spread is first estimated.
 KEPT = 0.7
 
 Cells = Float[np.ndarray, "cells n"]
@@ -45,10 +44,10 @@ Cells = Float[np.ndarray, "cells n"]
 
 @dataclass(frozen=True)
 class Series:
-    """A quantity of many cells: ages in a unit of the longest, estimates, their variances and a
-    covariate, filled up to one length, with estimates where `is_estimate`. Beside the error whose
-    variance that is, an estimate has errors that it shares with all cells, and such that it shares
-    with its cell's: what one standard deviation of each adds to it."""
+    """A quantity of many cells: ages as shares of the longest, estimates, their variances and a
+    covariate, padded to one length, with estimates where `is_estimate`. In addition to the error
+    with that variance, an estimate has errors shared with all cells, and errors shared within its
+    cell: the effect of one standard deviation of each."""
 
     age: Cells
     value: Cells
@@ -59,14 +58,14 @@ class Series:
     of_cell: Float[np.ndarray, "cells n cell_errors"]
 
     def only(self, cells: Bool[np.ndarray, "cells"]) -> "Series":
-        """Some of the cells."""
+        """A subset of the cells."""
         return Series(*(values[cells] for values in vars(self).values()))
 
 
 @dataclass(frozen=True)
 class Spread:
-    """Standard deviations: of cells' levels, slopes and bends, of the fleet's bend, and of what one
-    estimate has beside its own error, of which it has a share."""
+    """Standard deviations: of cells' levels, slopes and bends, of the fleet's bend, and of an
+    additional error of each estimate; and the share of its stated error that applies."""
 
     level: float
     slope: float
@@ -78,8 +77,8 @@ class Spread:
 
 @dataclass(frozen=True)
 class Shape:
-    """The addition of a fault to a cell from an age on, a `level`, `slope`, `knee` or `step`: how
-    much of it was found, by how many standard deviations."""
+    """The addition of a fault to a cell from an age on, a `level`, `slope`, `knee` or `step`: its
+    estimated size, and that size in standard deviations."""
 
     kind: str
     age: float
@@ -87,7 +86,7 @@ class Shape:
     deviations: float
 
     def at(self, age: np.ndarray) -> np.ndarray:
-        """One unit of it."""
+        """The shape for a size of one."""
         return _shape(self.kind, self.age, age)
 
 
@@ -110,8 +109,8 @@ def wiener(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Fit:
-    """A fleet's model at some standard deviations: its shape is that of the cells that are `good`;
-    `added` are shapes that single cells have."""
+    """A fleet's model at given standard deviations: its shape is that of the cells that are `good`;
+    `added` are shapes of single cells."""
 
     series: Series
     spread: Spread
@@ -119,22 +118,22 @@ class Fit:
     added: tuple[tuple[int, Shape], ...] = ()
 
     def cell_covariance(self, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-        """The covariance of what is a cell's own, between its ages."""
+        """The covariance of a cell's own part, between its ages."""
         its = self.spread
         line = its.level**2 + its.slope**2 * one[..., None] * other[..., None, :]
         return line + its.bend**2 * wiener(one, other)
 
     def _covariance_of(self, cell: int, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-        """The covariance for one cell, with the shape that it alone has."""
+        """The covariance for one cell, with its own added shape."""
         covariance = self.cell_covariance(one, other)
         if (shape := dict(self.added).get(cell)) is not None:
             here = np.multiply.outer(shape.at(one), shape.at(other))
-            # What departs from the fleet bends as no good cell does.
+            # A departure from the fleet bends like no good cell does.
             covariance += shape.size**2 * (FREE**2 * here + wiener(one, other))
         return covariance
 
     def columns(self, age: np.ndarray, covariate: np.ndarray, shared: np.ndarray) -> np.ndarray:
-        """X, whose first columns are free, the others of what is about as large as it is given."""
+        """X, whose first columns are free, while the others have unit priors."""
         knots = np.linspace(0.0, 1.0, KNOTS + 1)[1:]
         bent = np.linalg.solve(np.linalg.cholesky(wiener(knots, knots)), wiener(knots, age.ravel()))
         bent = self.spread.fleet_bend * np.moveaxis(bent.reshape(KNOTS, *age.shape), 0, -1)
@@ -150,7 +149,7 @@ class Fit:
 
     @cached_property
     def root(self) -> np.ndarray:
-        """The Cholesky factor of every cell's covariance; what is filled up is apart."""
+        """The Cholesky factor of every cell's covariance; padding is separate."""
         its = self.series
         both = its.is_estimate[:, :, None] & its.is_estimate[:, None, :]
         covariance = self.cell_covariance(its.age, its.age)
@@ -178,7 +177,7 @@ class Fit:
         return normal, np.einsum("cni,cn->i", columns, value)
 
     def fleet_with(self, cell: int) -> tuple[np.ndarray, np.ndarray]:
-        """A^-1 and beta, a cell's own estimates with the others'."""
+        """A^-1 and beta, from the other cells and a cell's own estimates."""
         normal, right = self.sums
         if not self.good[cell]:
             columns, value = (part[cell] for part in self.white)
@@ -188,7 +187,7 @@ class Fit:
 
     @property
     def minus_two_log_likelihood(self) -> float:
-        """The restricted one, up to a constant."""
+        """The restricted likelihood, up to a constant."""
         normal, right = self.sums
         logarithms = 2 * np.sum(np.log(np.diagonal(self.root, axis1=1, axis2=2)))
         constant = np.linalg.slogdet(normal)[1] + logarithms + np.sum(self.white[1] ** 2)
@@ -202,8 +201,8 @@ class Fit:
         return self.fleet_with(cell)[1][2] * self.series.covariate[cell][is_estimate]
 
     def trend(self, cell: int, age: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """A cell's trend at some ages, without what the covariate and errors in common add, and its
-        standard errors."""
+        """A cell's trend at some ages, without the effects of the covariate and of common errors,
+        and its standard errors."""
         its, is_estimate = self.series, self.series.is_estimate[cell]
         root = self.root[cell][np.ix_(is_estimate, is_estimate)]
         columns, value = (part[cell][is_estimate] for part in self.white)
@@ -244,7 +243,7 @@ class Fit:
 
 
 def fit(series: Series) -> Fit:
-    """The model of the largest restricted likelihood."""
+    """The model that maximizes the restricted likelihood."""
     is_estimate = series.is_estimate
     scale = float(np.std(series.value[is_estimate])) or 1.0
     typical = float(np.sqrt(np.median(series.variance[is_estimate])))
@@ -265,8 +264,8 @@ def fit(series: Series) -> Fit:
 
 @dataclass(frozen=True)
 class Judged:
-    """A fleet's model without its faults, the scores of every cell, above which a cell is flagged,
-    and what was found in those that are."""
+    """A fleet's model without its faults, the worst shape of every cell, and the threshold above
+    which a cell is flagged."""
 
     fit: Fit
     worst: tuple[Shape | None, ...]
@@ -274,7 +273,7 @@ class Judged:
 
     @property
     def faults(self) -> dict[int, Shape]:
-        """By cell."""
+        """The faults by cell."""
         return {
             cell: shape for cell, shape in enumerate(self.worst)
             if shape is not None and _deviations(shape) > self.threshold
@@ -282,17 +281,17 @@ class Judged:
 
 
 def judge(series: Series, expected: float, rng: np.random.Generator) -> Judged:
-    """The fleet without the cells that depart from it, which are found one by one.
+    """The fleet without the cells that depart from it, which are identified iteratively.
 
     Args:
         series: The estimates.
-        expected: How many cells of a fleet without faults may be flagged, on the average.
-        rng: Draws such fleets.
+        expected: Expected number of flagged cells in a fleet without faults.
+        rng: Generator for such fleets.
     """
     everyone, of_all = np.ones(len(series.age), bool), fit(series)
     model = of_all
     judged = Judged(of_all, (), np.inf)
-    # Many faults hide each other in variances that they make large.
+    # Many faults hide each other by inflating the variances.
     scores = map(of_all.scores, range(len(everyone)))
     odds = [max(map(_deviations, shapes), default=0.0) for shapes, _ in scores]
     good = np.array(odds) <= np.quantile(odds, KEPT) if expected > 0 else everyone
@@ -317,8 +316,8 @@ def _deviations(shape: Shape) -> float:
 def _threshold(
     correlations: Sequence[np.ndarray], fitted: int, expected: float, rng: np.random.Generator
 ) -> float:
-    """The largest score of a cell that so many cells of such a fleet exceed without any fault, with
-    variances that are known from the cells `fitted`."""
+    """The score that `expected` cells of such a fleet exceed on average without any fault, with
+    variances estimated from the `fitted` cells."""
     judged = [matrix for matrix in correlations if len(matrix)]
     if not judged or expected <= 0:
         return np.inf
@@ -331,5 +330,5 @@ def _threshold(
         root = vectors * np.sqrt(np.maximum(values, 0.0))
         largest.append(np.max(np.abs(rng.standard_normal((DRAWS, len(matrix))) @ root.T), axis=1))
     normal = np.quantile(np.concatenate(largest), 1 - min(1.0, expected / len(judged)))
-    # How much cells differ is known from so many.
+    # The number of cells limits the accuracy of their spread.
     return float(-stdtrit(max(fitted - 1, 1), ndtr(-normal)))

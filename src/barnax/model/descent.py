@@ -204,7 +204,7 @@ def lowest_scales(
 
     Args:
         objective: Its axes, the number of `interchangeable` ones, and its `least_v2` at many
-        scales.
+            scales.
         sizes: Values on every axis.
         apart: Whether interchangeable pairs must have different time constants, if there are
             several values to choose from.

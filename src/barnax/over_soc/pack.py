@@ -119,7 +119,7 @@ def fit_pack(
         names: Names of the cells.
         settings: Settings of the fit.
         has_separate_taus: Give every cell its own time constants, by descents that start at the
-        pack's.
+            pack's.
     """
     # At the nodes of the mean cell's correction, the OCV of a shifted cell would be coarse.
     prepared = leveled([prepared])[0].following(tables.dependence)

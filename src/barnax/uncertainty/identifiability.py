@@ -37,7 +37,7 @@ class Undetermined:
       is determined or, if only tau is among the estimates, its resistance is determined and tau is
       not.
     - "too slow": a pair that does not end within the record, of which only the capacitance is
-    determined.
+      determined.
     - "alike": two pairs that may have one time constant, of which only the summed R is determined.
     - "at bound": a parameter whose value a bound decides.
     - "loose": a parameter whose interval is wide or open.

@@ -1,4 +1,4 @@
-"""Kalman filters on an identified circuit: what a battery manager would know of its cell."""
+"""Kalman filters on an identified circuit: the state that a battery manager would estimate."""
 
 from .kalman import Kind, run_filter
 from .model import Drive, ErrorModel, Filtered, FilterModel, make_model

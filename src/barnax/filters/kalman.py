@@ -1,16 +1,16 @@
 """Kalman filters over a whole record as one `lax.scan`.
 
 A Gaussian sum (Alspach and Sorenson, IEEE Trans. Automatic Control 17 (1972) 439) is the default:
-extended filters side by side from SOC around the one believed, each weighed by how probable it
-makes the voltages. Where the OCV is flat, many of them stay probable, and their spread says that
-the SOC is not known; one filter alone takes the first slope it meets for that of all SOC and is
-soon sure of a wrong one.
+extended filters side by side from SOC around the initial estimate, each weighted by the probability
+of the voltages under it. Where the OCV is flat, many of them stay probable, and their spread shows
+that the SOC is uncertain; a single filter takes the first slope it meets for that at all SOC and is
+soon certain of a wrong one.
 
-Parameters are known, joint (further states of the one filter) or dual (an unscented filter of their
-own beside that of the states). All of it is written for one cell; callers vmap it over cells or
-tunings. `cuthbert` (0.1.1) has extended and unscented filters as scans, but takes Numba and LLVM
-along, has no dual form, and wants the model as log densities; what a filter of one measured voltage
-needs is shorter than its use would be.
+Parameters are known, joint (further states of the one filter) or dual (a separate unscented filter
+beside that of the states). All of it is written for one cell; callers vmap it over cells or
+tunings. `cuthbert` (0.1.1) has extended and unscented filters as scans, but requires Numba and
+LLVM, has no dual form, and needs the model as log densities; the code for a single measured voltage
+is shorter than its use would be.
 
 Sources: Plett, J. Power Sources 134 (2004) 262-292 (extended, joint and dual) and 161 (2006)
 1369-1384 (sigma points); Julier and Uhlmann (1997) for the unscented transform, with kappa = 1,
@@ -34,14 +34,14 @@ Matrix = Float[Array, "states states"]
 # The variance that an interval adds to every state and to every slow parameter.
 Walk = tuple[Vector, Float[Array, "slow"]]
 KAPPA = 1.0
-# Filters of a Gaussian sum, over so many standard deviations of the start to either side, each
+# Filters of a Gaussian sum, over this many standard deviations of the start to either side, each
 # with this share of the distance between two as its own deviation. Five are enough for a sloping
 # OCV; a flat one needs all, and more change little.
 PARTS, SIDES, OVERLAP = 9, 2.25, 0.8
 # A start beyond full or empty by more than this is improbable.
 OUTSIDE_SD = 0.02
-# A voltage further than so many standard deviations from what is expected is a fault of the
-# measurement, and corrects nothing; what lasts longer than this is a wrong start, and does again.
+# A voltage further than this many standard deviations from its prediction is a measurement fault,
+# and corrects nothing; if it lasts longer than this it is a wrong start, and corrects again.
 GATE_SD, GATE_S = 10.0, 60.0
 
 
@@ -52,10 +52,10 @@ class Gaussian(NamedTuple):
     covariance: Matrix
 
 
-# Gaussians, the logarithms of their weights, and these.
+# Gaussians, the logarithms of their weights, and the weights.
 Parts = tuple[Gaussian, Float[Array, "parts"], Float[Array, "parts"]]
 Moments = Float[Array, "parts n"]
-# These, and for how long measurements have been rejected.
+# Gaussians with weights, and the time for which measurements have been rejected.
 Carry = tuple[Parts, Scalar]
 
 
@@ -76,11 +76,11 @@ def run_filter(
 ) -> Filtered:
     """A filter's estimates along a record, from a state and its variances (`FilterModel.start`).
 
-    Of the dual one the measurement noise may adapt: `adapting` is the share of it that a sample
+    The measurement noise of the dual filter may adapt: `adapting` is the share of it that a sample
     renews, from its residual (Mohamed and Schwarz, J. Geodesy 73 (1999) 193).
     """
     mean, variance = start
-    # The last current flows on while one is not a number.
+    # The last current is held while one is not a number.
     last = lax.cummax(jnp.where(jnp.isfinite(drive.held_a), jnp.arange(len(drive.held_a)), -1))
     held_a = jnp.where(last >= 0, drive.held_a[jnp.maximum(last, 0)], 0.0)
     drive = drive._replace(held_a=held_a)
@@ -108,8 +108,8 @@ def run_filter(
 def _gated(
     before: Any, after: Any, rejected_s: Scalar, expected: tuple[Scalar, Scalar], drive: Drive
 ) -> tuple[Any, Scalar]:
-    """The beliefs after a measurement, or those before it where that is taken for a fault; and for
-    how long measurements have been rejected."""
+    """The estimates after a measurement, or those before it if it is judged a fault; and the time
+    for which measurements have been rejected."""
     innovation_v, variance_v2 = expected
     apart_sd = jnp.abs(innovation_v) / jnp.sqrt(variance_v2)
     is_near = apart_sd <= GATE_SD
@@ -119,15 +119,14 @@ def _gated(
 
 
 def _along(step: Callable[[Any, Any], Any], carry: Any, given: Any) -> Any:
-    """What every turn of a scan gives."""
+    """The stacked outputs of a scan."""
     return in_one_function(lambda carry, given: lax.scan(step, carry, given)[1])(carry, given)
 
 
 def _parts(mean: Vector, variance: Vector, count: int) -> Parts:
     """Gaussians around a start.
 
-    Together they have the mean and the variance of the start, but where they are beyond full or
-    empty.
+    Together they have the mean and the variance of the start, except beyond full or empty.
     """
     step = 2 * SIDES / max(count - 1, 1)
     sd = OVERLAP * step if count > 1 else 1.0
@@ -146,7 +145,7 @@ def _parts(mean: Vector, variance: Vector, count: int) -> Parts:
 
 
 def _joint_step(model: FilterModel, kind: Kind):
-    """One sample of filters whose states hold the slow parameters too."""
+    """One sample of filters whose states include the slow parameters."""
     count = model.states
     is_unscented = kind == "ukf"
 
@@ -180,8 +179,8 @@ def _joint_step(model: FilterModel, kind: Kind):
             belief = _correct(belief, observed.with_state, innovation_v, variance_v2)
             return belief, innovation_v, variance_v2
 
-        # Sums of products, here and below, compile into one kernel with what is around them;
-        # products of such small matrices are a kernel each.
+        # Sums of products, here and below, compile into one kernel with the code around them;
+        # products of such small matrices need a kernel each.
         near = jnp.sum(weights * parts.mean[:, 0])
         parts = jax.vmap(predict, (0, None))(parts, near)
         near = jnp.sum(weights * parts.mean[:, 0])
@@ -211,10 +210,10 @@ def _moments(
 
 
 def _dual_step(model: FilterModel, adapting: float):
-    """One sample of two unscented filters, each taking the other's mean for known.
+    """One sample of two unscented filters, each taking the other's mean as known.
 
     The innovation's variance is that of the state filter for both. The parameter filter looks one
-    interval ahead, and so hardly sees what moves SOC over hours: an offset, a capacity.
+    interval ahead, so it is hardly sensitive to effects on SOC over hours: an offset, a capacity.
     """
 
     def step(carry, given: tuple[Drive, Walk]):
@@ -250,7 +249,7 @@ def _dual_step(model: FilterModel, adapting: float):
         corrected, of_voltage = (belief, slow, adapted), (innovation_v, variance_v2)
         kept, rejected_s = _gated(predicted, corrected, rejected_s, of_voltage, drive)
         belief, slow, scale = kept
-        # All that is kept of a sample in one array: each further one costs as much as a product.
+        # All outputs of a sample in one array: each further one costs as much as a product.
         means = belief.mean[:1], innovation_v[None], slow.mean
         variances = belief.covariance[0, :1], jnp.diag(slow.covariance), variance_v2[None]
         return (kept, rejected_s), jnp.concatenate([*means, *variances])
@@ -261,7 +260,7 @@ def _dual_step(model: FilterModel, adapting: float):
 def _correct(
     belief: Gaussian, with_state: Vector, innovation_v: Scalar, variance_v2: Scalar
 ) -> Gaussian:
-    """The belief after a measurement; equal factors keep the covariance symmetric."""
+    """The estimate after a measurement; equal factors keep the covariance symmetric."""
     scaled = with_state / jnp.sqrt(variance_v2)
     return Gaussian(
         belief.mean + with_state * (innovation_v / variance_v2),
@@ -274,7 +273,7 @@ def _predict_extended(
 ) -> Gaussian:
     count = model.states
     state, slow = belief.mean[:count], belief.mean[count:]
-    # The share of every state's deviation left after an interval: only `slow` moves others.
+    # The share of every state's deviation left after an interval: only `slow` affects other states.
     kept = jnp.concatenate([jnp.ones(1), 1 - model.gains(slow, drive), jnp.ones_like(slow)])
     mean = jnp.concatenate([model.advance(state, slow, drive, near), slow])
     moved = kept[:, None] * belief.covariance
@@ -282,10 +281,10 @@ def _predict_extended(
     if len(slow):
         by_slow = jax.jacfwd(model.advance, 1)(state, slow, drive, near).T
         columns = [jnp.append(column, jnp.zeros_like(slow)) for column in by_slow]
-    # Products are added one by one: a sum over two of them would be a loop of its own.
+    # Products are added one by one: a sum over two of them would be a separate loop.
     for column, row in zip(columns, belief.covariance[count:], strict=True):
         moved = moved + column[:, None] * row
-    # Once: what follows would compute it again for every column.
+    # Computed once: otherwise it would be recomputed for every column.
     moved = lax.optimization_barrier(moved)
     covariance = moved * kept + jnp.diag(walk)
     for column, row in zip(columns, moved.T[count:], strict=True):
@@ -323,7 +322,7 @@ def _sigma_points(belief: Gaussian) -> tuple[Float[Array, "points states"], Floa
 
 
 def _root(covariance: Matrix) -> Matrix:
-    """The Cholesky factor, column by column: LAPACK's refuses what is known exactly (variance 0)
+    """The Cholesky factor, column by column: LAPACK's rejects exactly known states (variance 0)
     and, called for every sample, takes longer than the filter."""
     columns: list[Vector] = []
     left = covariance

@@ -1,19 +1,18 @@
-"""An identified circuit as a state-space model: what a Kalman filter moves and compares.
+"""An identified circuit as the state-space model of a Kalman filter.
 
-The state is SOC, the voltage over every RC pair, the dynamic hysteresis where the circuit has one,
-and the parts of the circuit's own voltage error. A filter that took that error for white noise
-would believe its voltage far too much. Parts that last for some time are first-order states; the
-bias b, which is an error of the OCV at a SOC, changes with the charge that passes and stands still
-at rest, however long:
+The state is SOC, the voltage over every RC pair, the dynamic hysteresis if the circuit has one, and
+the parts of the circuit's voltage error. A filter that took that error for white noise would trust
+its voltage far too much. Parts that last for some time are first-order states; the bias b, which is
+an error of the OCV at a SOC, changes with the charge passed and is constant at rest, however long:
 
     b' = exp(-|ds| / L) b + sqrt(1 - exp(-2 |ds| / L)) w,    v = U(s) + ... + sd_b(s) b,
 
-with L the SOC over which it is correlated and w of variance one. Only the white part is
-measurement noise.
+with L the SOC over which it is correlated and w of variance one. Only the white part is measurement
+noise.
 
-Resistances and the sizes of errors are read at one SOC for all that a filter holds possible
-(`near`): they are known too poorly to tell the SOC, and a filter that lets them is sure of a wrong
-one.
+Resistances and the sizes of errors are evaluated at one SOC for all hypotheses of a filter
+(`near`): they are not accurate enough to determine the SOC, and a filter that uses them for it
+becomes certain of a wrong one.
 """
 
 from collections.abc import Sequence
@@ -31,18 +30,18 @@ from ..cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION
 from ..model.prepared import PreparedRecord
 
 # The default nodes of tables over SOC are nodes of this grid too. Between its points curves are
-# read linearly, within 0.3 mV at the knee of an OCV and far closer elsewhere.
+# interpolated linearly, within 0.3 mV at the knee of an OCV and far closer elsewhere.
 STEPS_PER_SOC = 400
 GRID = np.arange(-STEPS_PER_SOC // 20, STEPS_PER_SOC * 21 // 20 + 1) / STEPS_PER_SOC
 OFFSET, CAPACITY = "offset", "capacity"
 # The current at which a cell counts as resting is five times the current's noise.
 NOISES_PER_REST = 5.0
-# A slow parameter forgets what it knew over this time: its walk gains its prior variance in it.
+# Memory of a slow parameter: its random walk gains the prior variance in this time.
 WALK_S = 100 * 3600.0
-# SOC that has to pass until the OCV's error is another.
+# Correlation length of the OCV's error in SOC.
 BIAS_SOC = 0.05
-# At rest a cell relaxes for hours, which circuits of a drive do not know: their lasting errors last
-# so long there, and are so many times as large.
+# At rest a cell relaxes for hours, which circuits identified on a drive do not model: their lasting
+# errors have this correlation time there, and are larger by this factor.
 RESTING_S, RESTING = 3600.0, 3.0
 # Columns of the table: OCV, half the hysteresis voltage, the scale of errors, the bias, R0, R1 ...
 FIRST_RESISTANCE = 4
@@ -55,11 +54,11 @@ Some = Float[np.ndarray, "some"]
 class Drive(NamedTuple):
     """The inputs of the model at every sample: the interval before it, and the measurements.
 
-    `held_a` is the current that flowed since the sample before, discharge positive, `turning_a` the
-    same where it turns a hysteresis, else zero. `direction` is that of the last current, or where
-    between the branches a hysteresis stands that remembers its turns: it follows from the charge
-    counted since, so it is known without a state. The first interval is zero seconds long. `gains`
-    are those of `FilterModel.gains`, where they are computed for all samples at once.
+    `held_a` is the current since the sample before, discharge positive, `turning_a` the same if it
+    turns a hysteresis, else zero. `direction` is that of the last current, or the position between
+    the branches of a hysteresis that remembers its turns: it depends on the charge counted since,
+    so it is known without a state. The first interval is zero seconds long. `gains` are those of
+    `FilterModel.gains`, if they are computed for all samples at once.
     """
 
     interval_s: Samples
@@ -73,7 +72,7 @@ class Drive(NamedTuple):
 
     @classmethod
     def of(cls, prepared: PreparedRecord) -> "Drive":
-        """A record made ready. Call inside float64."""
+        """The inputs from a prepared record. Call inside float64."""
         held_a = np.append(0.0, prepared.held_a[:-1])
         is_moving = np.abs(held_a) >= prepared.rest_current_a
         hysteresis = get_circuit(prepared.circuit).hysteresis
@@ -93,10 +92,10 @@ class Drive(NamedTuple):
 
 
 class Filtered(NamedTuple):
-    """After every sample: SOC and slow parameters with deviations, and how the voltage came.
+    """After every sample: SOC and slow parameters with deviations, and the innovation.
 
-    `innovation_v` is measured minus predicted voltage, `innovation_sd_v` what the filter expected
-    of it.
+    `innovation_v` is measured minus predicted voltage, `innovation_sd_v` its predicted standard
+    deviation.
     """
 
     soc: Samples
@@ -108,14 +107,14 @@ class Filtered(NamedTuple):
 
 
 class FilterModel(eqx.Module):
-    """A cell as a filter sees it; all of it may be batched, over cells or over tunings.
+    """The model of a cell for a filter; all of it may be batched, over cells or over tunings.
 
     `table` has a row for every SOC of `GRID` with the OCV, half the hysteresis voltage, the scale
-    of the errors, the deviation of the bias in V, R0 and every pair's R. `slow` names the
-    parameters that are estimated: "offset" is that of the current in A, all others are logarithms
-    of the factor on "capacity", "R0", "R1", "tau1" and so on. The white part of the error lasts for
-    `white_s`, and counts as often. `axis_sd` is how far, as a standard deviation, a record's SOC
-    may be from that of the OCV: no voltage tells it.
+    of the errors, the deviation of the bias in V, R0 and every pair's R. `slow` names the estimated
+    parameters: "offset" is that of the current in A, all others are logarithms of the factor on
+    "capacity", "R0", "R1", "tau1" and so on. The white part of the error lasts for `white_s`, and
+    counts once in that time. `axis_sd` is the standard deviation between a record's SOC and that of
+    the OCV, which no voltage determines.
     """
 
     table: Float[Array, "points rows"]
@@ -146,7 +145,7 @@ class FilterModel(eqx.Module):
         return 1 + self.pairs + (self.hysteresis == "dynamic")
 
     def at(self, soc: Scalar) -> Float[Array, "rows"]:
-        """The table's row at a SOC; it goes on straight beyond the grid."""
+        """The table's row at a SOC, extrapolated linearly beyond the grid."""
         along = (soc - GRID[0]) * STEPS_PER_SOC
         row_index = jnp.clip(lax.stop_gradient(along), 0, len(GRID) - 2).astype(jnp.int32)
         below, above = self.table[row_index], self.table[row_index + 1]
@@ -156,8 +155,8 @@ class FilterModel(eqx.Module):
         """The slope of the table at a SOC: at a row that of the chord over both neighbors, linear
         between rows.
 
-        Where it jumped, as that of the table itself does, rounding would decide which one counts:
-        a full cell is at a row.
+        If it jumped, like the slope of the table itself, rounding would decide which one counts: a
+        full cell is at a row.
         """
         along = (soc - GRID[0]) * STEPS_PER_SOC
         row_index = jnp.clip(along, 1, len(GRID) - 3).astype(jnp.int32)
@@ -167,7 +166,7 @@ class FilterModel(eqx.Module):
         return (below + jnp.clip(along - row_index, 0, 1) * (above - below)) * (STEPS_PER_SOC / 2)
 
     def factor(self, name: str, slow: Slow) -> Scalar | float:
-        """The factor of a slow parameter; one where it is not estimated."""
+        """The factor of a slow parameter; one if it is not estimated."""
         return jnp.exp(slow[self.slow.index(name)]) if name in self.slow else 1.0
 
     def factors(self, letter: str, slow: Slow) -> Float[Array, "pairs"]:
@@ -180,8 +179,8 @@ class FilterModel(eqx.Module):
         return slow[self.slow.index(OFFSET)] if OFFSET in self.slow else 0.0
 
     def gains(self, slow: Slow, drive: Drive) -> Float[Array, "relaxing"]:
-        """The share of their way to rest that all but SOC go in an interval: pairs, hysteresis,
-        errors, bias."""
+        """The share of their way to rest that all states except SOC cover in an interval: pairs,
+        hysteresis, errors, bias."""
         if drive.gains is not None:
             return drive.gains
         interval_s = drive.interval_s
@@ -197,8 +196,8 @@ class FilterModel(eqx.Module):
         return lax.optimization_barrier(-jnp.expm1(-jnp.concatenate(along)))
 
     def passed(self, current_a: Scalar, interval_s: Scalar) -> Scalar:
-        """The SOC that a current moves in an interval, up or down, by the capacity believed: what
-        hysteresis and bias turn with need no better one."""
+        """The SOC that a current moves in an interval, up or down, with the estimated capacity:
+        accurate enough for hysteresis and bias."""
         return jnp.abs(current_a) * interval_s / (3600 * self.capacity_ah)
 
     def advance(self, state: State, slow: Slow, drive: Drive, near: Scalar | None = None) -> State:
@@ -233,8 +232,8 @@ class FilterModel(eqx.Module):
         return voltage_v + there[3] * state[-1] if self.has_bias else voltage_v
 
     def slopes(self, state: State, slow: Slow, drive: Drive, near: Scalar) -> Float[Array, "both"]:
-        """The gradient of the voltage by every state and slow parameter, written out,
-        for that of a look-up in a table takes as long as the rest of the filter, and jumps."""
+        """The gradient of the voltage by every state and slow parameter, in closed form, because
+        differentiating a table look-up takes as long as the rest of the filter, and jumps."""
         row, there = self.at(state[0]), self.at(near)
         by_soc, by_turn = self.rise(state[0])[:2]
         if self.hysteresis != "none":
@@ -253,9 +252,9 @@ class FilterModel(eqx.Module):
         return jnp.concatenate(parts)
 
     def doubt_at(self, soc: Some) -> Some:
-        """The standard deviation of the SOC that a voltage at rest tells, from the bias alone."""
+        """The standard deviation of the SOC from a voltage at rest, due to the bias alone."""
         table = np.asarray(self.table)
-        # The slope is a mean over what nodes of tables are apart.
+        # The slope is a mean over the distance between table nodes.
         below, above = (np.interp(soc + by, GRID, table[:, 0]) for by in (-0.05, 0.05))
         slope_v = np.maximum(above - below, 1e-9) / 0.1
         return np.interp(soc, GRID, table[:, 3]) / slope_v
@@ -278,7 +277,7 @@ class FilterModel(eqx.Module):
 
     @property
     def errors_sd(self) -> Float[Array, "errors"]:
-        """The deviations of the states that are errors: in V, and one of the bias."""
+        """The standard deviations of the error states: in V, and one for the bias."""
         return jnp.concatenate([self.error_sd_v, jnp.ones(int(self.has_bias))])
 
     def start(
@@ -286,7 +285,7 @@ class FilterModel(eqx.Module):
     ) -> tuple[State, State]:
         """State and variances of a cell that has rested. Call inside float64.
 
-        Pairs may hold what the current's noise leaves in them; errors are as they usually are.
+        Pairs may contain the effect of the current's noise; errors have their usual variance.
         """
         soc, soc_sd = jnp.asarray(soc, float), jnp.asarray(soc_sd, float)
         rest_v = self.at(soc)[FIRST_RESISTANCE + 1 :] * NOISES_PER_REST * self.current_sd_a
@@ -301,8 +300,8 @@ class ErrorModel:
     """The circuit's voltage error: white, in parts with a correlation time and a deviation, and the
     bias, which changes with the SOC.
 
-    White and timed parts are multiplied by `scale` at `soc`; it and the bias are read straight
-    between the SOC and constant beyond. `white_s` and `axis_sd` are as in `FilterModel`.
+    White and timed parts are multiplied by `scale` at `soc`; it and the bias are interpolated
+    linearly over SOC and constant beyond. `white_s` and `axis_sd` are as in `FilterModel`.
     """
 
     white_sd_v: float
@@ -327,8 +326,8 @@ def make_model(
 ) -> FilterModel:
     """The model of a circuit on a cell, constant or with tables over SOC.
 
-    Call inside float64. Beyond its end points the OCV goes on straight, where a simulation holds
-    it constant: there too the voltage has to tell the SOC.
+    Call inside float64. Beyond its end points the OCV is extrapolated linearly, where a simulation
+    holds it constant: there too the voltage has to determine the SOC.
     """
     series, parameters = get_circuit(circuit), parameters.laddered()
     hysteresis = series.hysteresis_on(cell)

@@ -1,6 +1,6 @@
-"""Many cells identified: a manifest, a standard executor, one row a cell, nothing lost.
+"""Many cells identified: a manifest, a standard executor, one row per cell, nothing lost.
 
-`summary` sums a dataset up; it is imported by itself, since it loads SciPy.
+`summary` summarizes a dataset; it is imported separately because it loads SciPy.
 """
 
 from .engine import Progress, identify_fleet

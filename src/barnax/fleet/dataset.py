@@ -1,8 +1,8 @@
 """The dataset of a fleet: parts while it runs, one Parquet file when it ends.
 
-A part is written aside and put in place in one step, so that it is there whole or not at all. The
-final file takes in the parts the same way; what both hold counts once. Where factors were kept, its
-rows are cells of any grouping: no raw data are read again.
+A part is written under a temporary name and renamed in one step, so that it exists whole or not at
+all. The final file absorbs the parts in the same way; rows in both count once. If factors were
+kept, its rows can be regrouped into cells: no raw data are read again.
 """
 
 import hashlib
@@ -33,7 +33,7 @@ RESULTS, FACTORS = "results", "factors"
 Shard = tuple[int, int]
 # Rows of fleets unpack to a few times their size.
 MOST_UNPACKED = 30
-# Columns whose type a part without any value cannot show.
+# Columns whose type cannot be derived from a part without any value.
 TYPES = {
     "id": pl.String,
     "error": pl.String,
@@ -58,7 +58,7 @@ def dataset_path(out: Path, shard: Shard | None = None) -> Path:
 
 
 def parts_folder(out: Path, shard: Shard | None = None) -> Path:
-    """The folder for the rows until the end."""
+    """The folder for parts until the end."""
     return out / _named("parts", shard)
 
 
@@ -69,7 +69,7 @@ def write_rows(path: Path, rows: Sequence[Mapping[str, Any]] | pl.DataFrame) -> 
 
 
 def write_part(folder: Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    """The rows, if there are any, as a part under a name that nothing else has."""
+    """The rows, if there are any, as a part under a unique name."""
     if rows:
         write_rows(folder / f"{uuid.uuid4().hex}.parquet", rows)
 
@@ -87,7 +87,7 @@ def _framed(rows: Sequence[Mapping[str, Any]]) -> pl.DataFrame:
 
 
 def _column(name: str, values: Sequence[Any]) -> pl.Series:
-    """The values in one type; as text where they are numbers and dates, or of other such kinds."""
+    """The values in one type; as text if they mix numbers, dates or other such kinds."""
     if name in TYPES:
         return pl.Series(name, values, TYPES[name])
     kinds = {
@@ -108,7 +108,8 @@ def _text(name: str, values: Iterable[Any]) -> pl.Series:
 
 
 def _joined(frames: Sequence[pl.DataFrame]) -> pl.DataFrame:
-    """One below the other; columns whose types differ by more than a number's become text."""
+    """All rows, one frame below the other; columns whose types differ by more than the kind of
+    number become text."""
     types: dict[str, set[Any]] = {}
     for frame in frames:
         for name, dtype in frame.schema.items():
@@ -136,8 +137,8 @@ def factors_path(out: Path, name: str) -> Path:
 
 
 def keep_file(out: Path, path: Path, content: bytes) -> int:
-    """The length in bytes of a file that is put beside the dataset. Raises `InputError` if it would
-    be elsewhere."""
+    """Write a file beside the dataset; its length in bytes. Raises `InputError` if it would be
+    outside the folder."""
     # A store has neither folders nor links.
     if isinstance(out, Path):
         for folder in reversed(path.parents[: len(path.relative_to(out).parts) - 1]):
@@ -155,14 +156,16 @@ def _require_no_link(folder: Path) -> None:
 
 
 def opened(path: Path) -> Path | io.BytesIO:
-    """A file as Polars reads it: what lies in a store is fetched by fsspec, as all else there."""
+    """A file as Polars reads it: from a store it is fetched by fsspec, like everything else
+    there."""
     return path if isinstance(path, Path) else io.BytesIO(path.read_bytes())
 
 
 def read_rows(
     out: Path, columns: Iterable[str] | None = None, shard: Shard | None = None
 ) -> pl.DataFrame:
-    """Every cell's newest row, in the order of their ids; of a shard, those that it wrote itself.
+    """Every cell's newest row, in the order of their ids; for a shard, the rows that it wrote
+    itself.
 
     Raises `InputError` for a broken file.
     """
@@ -182,7 +185,7 @@ def read_rows(
     if not dated_parts:
         names = ("id", "fingerprint", "error", "error code")
         return pl.DataFrame(schema=dict.fromkeys(names, pl.String))
-    # Of one time, a part is newer than a file that takes parts in.
+    # At the same time, a part is newer than a file that absorbs parts.
     dated_parts.reverse()
     dated_parts.sort(key=lambda dated: dated[0])
     rows = _joined([frame for _, frame in dated_parts])
@@ -190,7 +193,7 @@ def read_rows(
 
 
 def rows_of_others(out: Path) -> pl.DataFrame:
-    """Every cell's newest row in a folder that may be somebody else's.
+    """Every cell's newest row in a folder that may come from somebody else.
 
     Raises `InputError` if its files unpack to far more than a fleet's do.
     """
@@ -209,8 +212,8 @@ def rows_of_others(out: Path) -> pl.DataFrame:
 
 
 def _files(out: Path, shard: Shard | None) -> Iterator[Path]:
-    """The files of rows in the order in which these are passed on, listed as late as they can be:
-    what another shard takes in meanwhile is found in a later one."""
+    """The files of rows in the order in which rows move between them, listed as late as possible:
+    rows that another shard absorbs meanwhile are in a later file."""
     for pattern in ("parts*/*.parquet", "cells-*.parquet"):
         for path in list(out.glob(pattern)):
             is_wanted = shard is None or path.parent == parts_folder(out, shard)
@@ -219,7 +222,7 @@ def _files(out: Path, shard: Shard | None) -> Iterator[Path]:
     yield dataset_path(out, shard)
 
 
-# What a user puts beside the files of rows is neither read nor deleted.
+# Other files that a user puts beside the files of rows are neither read nor deleted.
 _OURS = re.compile(r"(?:parts(?:-\d{5}-of-\d{5})?/[0-9a-f]{32}|cells-\d{5}-of-\d{5})\.parquet")
 
 
@@ -234,8 +237,8 @@ def finished(out: Path) -> dict[str, tuple[str, bool]]:
 def writing(out: Path, shard: Shard | None = None) -> Iterator[Path]:
     """The folder for parts, this process's alone.
 
-    Raises `InputError` if it cannot be written to, or another command is at work there: a store has
-    no locks, and cannot tell.
+    Raises `InputError` if it cannot be written to, or another command is writing there, which
+    cannot be checked in a store without locks.
     """
     folder = parts_folder(out, shard)
     if not isinstance(folder, Path):
@@ -251,7 +254,7 @@ def writing(out: Path, shard: Shard | None = None) -> Iterator[Path]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         _require_no_link(folder)
-        # Not to wait for the other end of a pipe.
+        # Does not wait for the other end of a pipe.
         with open(os.open(folder / ".lock", os.O_RDWR | os.O_CREAT, 0o666), "r+") as lock:
             if fcntl is not None:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -267,9 +270,9 @@ def writing(out: Path, shard: Shard | None = None) -> Iterator[Path]:
 
 
 def compact(out: Path, shard: Shard | None = None) -> Path:
-    """One file of all rows in place of the parts; called when nothing is being written.
+    """Merge the parts into one file of all rows; called when nothing is being written.
 
-    A shard takes in its own parts alone, and the whole fleet what its shards wrote.
+    A shard absorbs only its own parts, and the whole fleet those of its shards.
     """
     target = dataset_path(out, shard)
     taken = [path for path in _files(out, shard) if path != target]
@@ -284,10 +287,10 @@ def regrouped(fleet: str | Path, group: Sequence[str]) -> list[FleetCell]:
     """A cell for all rows of a fleet that have the same values in some columns.
 
     Args:
-        fleet: The folder of a fleet that was identified with `keep_factors`.
+        fleet: The folder of a fleet identified with `keep_factors`.
         group: Columns of its dataset, such as those copied from its manifest.
 
-    Raises `InputError` if the dataset has no such column, or a row's factors are not there.
+    Raises `InputError` if the dataset lacks such a column, or a row's factors do not exist.
     """
     out = located(fleet)
     rows = rows_of_others(out)
@@ -299,7 +302,7 @@ def regrouped(fleet: str | Path, group: Sequence[str]) -> list[FleetCell]:
         )
     good = rows.filter(pl.col("error").is_null())
     if "pack" in good.columns:
-        # The mean cell of a pack is none of its cells.
+        # The mean cell of a pack is not one of its cells.
         good = good.filter(~pl.col("id").is_in(good["pack"].drop_nulls().unique().to_list()))
     folder = out / FACTORS
     there = {path.name for path in folder.iterdir()} if folder.is_dir() else set()
@@ -323,7 +326,7 @@ def regrouped(fleet: str | Path, group: Sequence[str]) -> list[FleetCell]:
                 f"would both be called {name!r}; change these values in a column of the "
                 "manifest, and `group` by that"
             )
-        # The name of a cell is its own column.
+        # The name of a cell has its own column.
         carried.pop("id", None)
         cells[name] = FleetCell(name, tuple(map(str, paths)), carried=carried)
     if not cells:

@@ -1,8 +1,8 @@
 """Cells of a fleet on a pool of processes or on Dask; a worker's death costs one row at most.
 
-Workers send rows back, and this process alone writes them. Where a pool breaks, the cells that it
-had are identified once more, each alone: one whose worker dies then too has that in its row.
-Nothing here loads JAX before a worker has set how it is to run.
+Workers send rows back, and this process alone writes them. If a pool breaks, its cells are
+identified once more, each alone: one whose worker dies again has that in its row. Nothing here
+loads JAX before a worker has been set up.
 """
 
 import functools
@@ -38,36 +38,36 @@ from ..settings import Reading
 from .dataset import Shard, compact, finished, in_shard, write_part, writing
 from .manifest import FleetCell, Options, cell_of, distinct
 
-# Rows of a part: few enough to lose where this process is killed.
+# Rows per part: few enough to lose if this process is killed.
 MAX_IN_PART = 50
-# So many files of each kind show how their loggers sample, evenly among all by the ids of cells.
+# This many files of each kind show how their loggers sample, spread evenly over the ids of cells.
 SAMPLED = 12
-# Cells that wait beside those that run, so that a lazy iterable is not read far ahead.
+# Cells waiting in addition to those running, so that a lazy iterable is not read far ahead.
 WAITING = 2
-# Pools that break in a row before a worker has begun.
+# Pools that may break in a row before a worker has begun.
 FEW = 3
 DIED = (
     "the worker died while it identified this cell (killed, or out of memory); try it alone with "
     "`barnax.identify`"
 )
-# What an engine raises where it gave a task up because workers died.
+# Exceptions by which an engine reports that it gave a task up because workers died.
 WORKER_DIED = ("KilledWorker",)
-# What Dask's processes do every few milliseconds beside their work: nobody looks at it here.
+# Periodic work of Dask's processes, every few milliseconds, that is not used here.
 QUIET_DASK = {
     "distributed.worker.profile.enabled": False,
     "distributed.worker.memory.monitor-interval": "1s",
     "distributed.admin.tick.interval": "1s",
     "distributed.admin.system-monitor.interval": "10s",
 }
-# glibc gives freed memory back to the system at once above these sizes, and takes it again for the
+# glibc returns freed memory to the system at once above these sizes, and requests it again for the
 # next cell: with Dask's own setting that took two fifths of all CPU time.
 KEEP_FREED = {-1: 1 << 29, -3: 1 << 29}  # M_TRIM_THRESHOLD, M_MMAP_THRESHOLD
 # One program at a time, on one thread: cores are shared among processes. The bits are the same.
 XLA_FLAGS = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
-# How many threads XLA keeps for itself; with one a core, they wake each other all the time.
+# Number of XLA's own threads; with one per core, they wake each other all the time.
 XLA_THREADS = {"NPROC": "1"}
 WATCH_S = 0.5
-# The row of a cell, of a pack a row for each of its cells too.
+# The row of a cell; for a pack also a row for each of its cells.
 Rows = list[dict[str, Any]]
 # A cell with its fingerprint.
 Marked = tuple[str, FleetCell]
@@ -79,8 +79,8 @@ class Progress:
 
     Attributes:
         finished: Cells with a row now.
-        skipped: Those of them that had one before.
-        failed: Those of them without an answer.
+        skipped: Cells that had one before.
+        failed: Cells without an answer.
         total: Number of cells, if known.
     """
 
@@ -108,7 +108,7 @@ def identify_fleet(
     If a cell cannot be identified, its row has the reason.
 
     Args:
-        cells: Those of a manifest, or mappings with an "id" and either a "problem" or the columns
+        cells: Cells of a manifest, or mappings with an "id" and either a "problem" or the columns
             of a manifest; their other items are copied to their rows. They are read lazily.
         out: Folder of the dataset, or its address, such as `s3://bucket/fleet`.
         settings: Arguments of `identify` for all cells; by default no seeds are run and the answer
@@ -116,9 +116,9 @@ def identify_fleet(
         workers: Number of processes; by default one for every core.
         scheduler: Address of a Dask scheduler to run on instead; "local" starts one.
         executor: Your own executor to run on instead.
-        shard: A part of the fleet: which one, of how many.
+        shard: A part of the fleet: its number, and the number of parts.
         retry: Repeat cells that failed.
-        batch: Rows of a part, which is written when they are there.
+        batch: Rows per part, which is written once they are complete.
         report: Called with the progress after every cell.
 
     Raises `InputError` if `out` cannot be written to, an id occurs twice or your executor breaks.
@@ -126,12 +126,12 @@ def identify_fleet(
     root, chosen = located(out), {"seeds": 0, **(settings or {})}
     state = Progress()
     made = (cell if isinstance(cell, FleetCell) else cell_of(cell) for cell in cells)
-    # Of a lazy iterable no cell is looked at before its turn.
+    # Cells of a lazy iterable are not examined before their turn.
     is_whole = isinstance(cells, Sequence)
     every = [*made] if is_whole else []
 
     def wanted(done: Mapping[str, tuple[str, bool]]) -> Iterator[tuple[str, FleetCell]]:
-        """The cells that have no row of these inputs and settings yet; the others are counted."""
+        """The cells that have no row for these inputs and settings yet; the others are counted."""
         nonlocal state
         for cell in distinct(every or made):
             if not in_shard(cell, shard):
@@ -144,7 +144,8 @@ def identify_fleet(
                 yield print_, cell
 
     with writing(root, shard) as folder:
-        # A part that stands is not computed again, and some hold what failed or was replaced since.
+        # Rows of earlier parts are not computed again, and some of them failed or were replaced
+        # since.
         compact(root, shard)
         queue = wanted(finished(root))
         few = list(queue) if is_whole else list(itertools.islice(queue, 1))
@@ -153,14 +154,14 @@ def identify_fleet(
         if few:
             from .rows import grid_of, job_of  # loads JAX
 
-            # Before all cells fail of it.
+            # Checked here, or all cells would fail.
             _ = job_of(chosen)
             for _, cell in few:
                 _ = grid_of(cell, chosen)
             report(state)
             queue = itertools.chain(few, queue)
             with _opened(scheduler, executor, workers or os.cpu_count() or 1) as (reopen, count):
-                # Of few cells, four parts for every worker.
+                # For few cells, four parts per worker.
                 in_part = -(-len(few) // (4 * count)) if is_whole else MAX_IN_PART
                 size = batch or min(in_part, MAX_IN_PART)
                 how = {**chosen, "loggers": loggers_of_fleet(every, chosen)}
@@ -192,13 +193,13 @@ def run_cell(print_: str, cell: FleetCell, settings: Options, out: str) -> Rows:
 
 @functools.cache
 def prepare_process() -> None:
-    """Set a process up for many cells, before JAX is loaded where it is not yet."""
+    """Set a process up for many cells, before JAX is loaded if it is not yet."""
     # As in `barnax` itself: modules and traced programs are many objects and no garbage.
     gc.set_threshold(50_000, 20, 20)
     set_malloc(ONE_POOL | KEEP_FREED)
     prefer_cpu()
     if "jax" not in sys.modules:
-        # Once: a process inherits them, and another text is another key in the cache.
+        # Once: a process inherits them, and a different text is a different key in the cache.
         flags = os.environ.get("XLA_FLAGS", "").replace(XLA_FLAGS, "")
         os.environ["XLA_FLAGS"] = f"{flags.strip()} {XLA_FLAGS}".strip()
         os.environ.update(XLA_THREADS)
@@ -206,7 +207,7 @@ def prepare_process() -> None:
 
 
 def start_worker(driver: int) -> None:
-    """Begin a process of a pool: it ends with its driver, and leaves Ctrl-C to that."""
+    """Start a worker of a pool: it ends with its driver, and leaves Ctrl-C to it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     def watch() -> None:
@@ -221,7 +222,7 @@ def start_worker(driver: int) -> None:
 def _run(
     cells: Iterator[Marked], reopen: Callable[[], Executor], how: tuple[Options, str], workers: int
 ) -> Iterator[list[Rows]]:
-    """The rows of every cell, those together that have completed."""
+    """The rows of every cell, in batches that have completed together."""
     executor = reopen()
     waiting: dict[Future[Rows], Marked] = {}
     suspects: list[Marked] = []
@@ -251,9 +252,9 @@ def _run(
 
 
 def _submit(executor: Executor, function: Callable[..., Any], *given: Any) -> "Future[Any]":
-    """A task submitted; to an executor that is broken already, it fails like those that it had."""
+    """A submitted task; with an executor that is already broken, it fails like those before it."""
     try:
-        # A pool begins its processes here.
+        # A pool starts its processes here.
         with undisturbed():
             return executor.submit(function, *given)
     except BrokenExecutor as problem:
@@ -269,7 +270,7 @@ def _has_died(future: "Future[Any]") -> bool:
 
 
 def _reopened(reopen: Callable[[], Executor]) -> Executor:
-    """Another executor in the place of one that may be broken, one of whose workers has begun."""
+    """Another executor to replace one that may be broken, with at least one running worker."""
     for _ in range(FEW):
         executor = reopen()
         if not _has_died(_submit(executor, prepare_process)):
@@ -284,8 +285,8 @@ def _reopened(reopen: Callable[[], Executor]) -> Executor:
 def _opened(
     scheduler: str | None, executor: Executor | None, workers: int
 ) -> Iterator[tuple[Callable[[], Executor], int]]:
-    """A function that gives the executor, and a new one where that is broken; with it, how many
-    workers it has."""
+    """A function that returns the executor, or a new one if that is broken; and its number of
+    workers."""
     if executor is not None:
         try:
             yield (lambda: executor), workers
@@ -312,7 +313,7 @@ def _opened(
         try:
             yield reopen, workers
         except BaseException:
-            # Their cells would go on for minutes; what is written is whole.
+            # Their cells would run on for minutes; whatever is written is whole.
             for process in set(multiprocessing.active_children()) - others:
                 process.terminate()
             raise
@@ -323,8 +324,8 @@ def _opened(
 
 @contextmanager
 def _dask(address: str, workers: int) -> Iterator[tuple[Executor, int]]:
-    """Dask's own executor, on a scheduler that runs or on a cluster of this machine's processes,
-    and how many threads its workers have now."""
+    """Dask's own executor, on a running scheduler or on a cluster of this machine's processes, and
+    the current number of worker threads."""
     try:
         import dask.config
         from distributed import Client, LocalCluster
@@ -356,9 +357,9 @@ def _dask(address: str, workers: int) -> Iterator[tuple[Executor, int]]:
 
 
 def loggers_of_fleet(cells: Sequence[FleetCell], settings: Options) -> Loggers:
-    """The loggers by the names of the columns in their files, whoever identifies which cell.
+    """The loggers by the columns in their files, independent of the cell and worker.
 
-    Files of a kind have one suffix, and one way in which they are to be read.
+    Files of a kind have one suffix and the same reading options.
     """
     from .rows import job_of, sources_of
 
@@ -373,7 +374,7 @@ def loggers_of_fleet(cells: Sequence[FleetCell], settings: Options) -> Loggers:
     for alike in kinds.values():
         count = min(SAMPLED, len(alike))
         for cell in [alike[index * len(alike) // count] for index in range(count)]:
-            # What cannot be read is told in its own row.
+            # A file that cannot be read is reported in its own row.
             with suppress(InputError, OSError):
                 reading = job_of({**settings, **cell.options})
                 (source,) = sources_of(cell.records[:1], reading, {})

@@ -1,6 +1,6 @@
-"""Cells of a fleet, as they travel to a worker (paths and options, no data), and their manifest.
+"""Cells of a fleet, as sent to a worker (paths and options, no data), and their manifest.
 
-A manifest is a table with one row a cell or a test of it, with globs, defaults and what is carried.
+A manifest is a table with one row per cell or test, with globs, defaults and copied columns.
 """
 
 import glob
@@ -30,12 +30,12 @@ from ..settings import WINDOW_OPTIONS, CellSettings, Reading
 if TYPE_CHECKING:
     from ..model.problem import Problem
 
-# What a row of a manifest takes in memory, and every value in it.
+# Memory taken by a row of a manifest, and by every value in it.
 ROW_BYTES, VALUE_BYTES = 200, 100
 
 # Values of columns and options, by name.
 Options = Mapping[str, Any]
-# What a row of a manifest may say of how its files are read and what is identified.
+# Options in a row of a manifest for reading its files and for the identification.
 OPTIONS = ("model", "pack_cells", *vars(CellSettings()), *vars(Reading()))
 
 
@@ -51,10 +51,10 @@ class FleetCell:
         cell: A result.json whose cell model is used instead of OCV tests.
         bounds: A TOML file of bounds.
         window: Fields of a `Window`.
-        validate_window: Those that differ for validation records.
+        validate_window: Fields that differ for validation records.
         options: Arguments of `identify`.
         carried: Columns copied to its row.
-        missing: Problems of names of files: not there, or a pipe instead of a file.
+        missing: Problems with file names: a missing file, or a pipe instead of a file.
         problem: A problem that replaces all files.
     """
 
@@ -95,7 +95,7 @@ def _plain(values: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def stamp(path: str) -> tuple[int, int] | None:
-    """Size and time of change; None for what is not here, or not in a file system."""
+    """Size and time of change; None if the file does not exist here, or is not in a file system."""
     if is_address(path):
         return None
     try:
@@ -110,18 +110,18 @@ def short_name(path: str) -> str:
     return path.rpartition("/")[2] if is_address(path) else Path(path).name
 
 
-# What a spreadsheet takes for a formula begins so.
+# A spreadsheet takes values with these first characters for formulas.
 FORMULA = ("=", "+", "-", "@")
-# Columns that name files; `record` and `circuit` are other names for what they say.
+# Columns that name files; `record` and `circuit` are aliases.
 FILES = ("records", "ocv", "validate")
 ALIKE = {"record": "records", "circuit": "model"}
 # Between several files in one cell of a table.
 SEPARATOR = ";"
-# Before what is known of validation records only.
+# Prefix of columns for validation records only.
 OF_VALIDATION = "validate_"
 OF_WINDOWS = {*WINDOW_OPTIONS, *(OF_VALIDATION + name for name in WINDOW_OPTIONS)}
 COLUMNS = {"id", "cell", "bounds", *FILES, *OPTIONS, *OF_WINDOWS}
-# Columns that the dataset has of its own, by their whole names.
+# Columns of the dataset itself, by their whole names.
 RESERVED = re.compile(
     r"error( code)?|samples|answer|certified|proved gap|at bound|warnings|warning codes|seconds"
     r"|factor bytes|pack|odd|weakest|SOC shift.*|capacity ratio.*|loaded voltage.*|total R.*"
@@ -141,19 +141,18 @@ def read_manifest(
     """The cells of a manifest, and the names of the columns that are copied to their rows.
 
     A `.csv` or `.parquet` table has one row per cell; a `.toml` file has a table `[[cell]]` for
-    each, and `[defaults]` for all. Of a folder, each folder in it is a cell, and what its files are
-    for is found in them, as in a row without OCV tests and cell.
+    each, and `[defaults]` for all. For a folder, each folder in it is a cell, and the roles of its
+    files are determined from them, as in a row without OCV tests and cell.
 
     Args:
         path: The manifest. Paths in it are relative to it and may be patterns.
-        defaults: What a row leaves empty.
-        addresses: What its rows may read besides files: all below these addresses, such as
-            `s3://bucket/logs`. A manifest that lies in a store itself reads what is below its own
-            folder there, and no files of this machine.
-        problems: Collects the problems of rows, one a line; without it the first is raised.
+        defaults: Values for empty entries of a row.
+        addresses: Sources that its rows may read besides files: everything below these addresses,
+            such as `s3://bucket/logs`. A manifest in a store reads below its own folder there, and
+            no files of this machine.
+        problems: Collects the problems of rows, one per line; without it the first is raised.
 
-    Raises `InputError` if the manifest cannot be used; files that are none are in each cell's
-    `missing`.
+    Raises `InputError` if the manifest cannot be used; unusable files are in each cell's `missing`.
     """
     source = located(path)
     if source.is_dir():
@@ -188,11 +187,11 @@ def read_manifest(
 
 
 def _unconfined(cell: FleetCell, allowed: list[str], where: str) -> Iterator[str]:
-    """Faults for addresses of a cell that are not allowed: another person's manifest could ask
+    """Faults for addresses of a cell that are not allowed: another person's manifest could query
     servers that only this machine reaches."""
     roots = tuple(address.rstrip("/") + "/" for address in allowed)
     for address in filter(is_address, cell.files):
-        # fsspec chains addresses with ::, and servers resolve what is escaped.
+        # fsspec chains addresses with ::, and servers resolve escaped characters.
         is_plain = "::" not in address and ".." not in re.split(r"[/\\]", unquote(address))
         if not (is_plain and address.startswith(roots)):
             yield (
@@ -203,8 +202,8 @@ def _unconfined(cell: FleetCell, allowed: list[str], where: str) -> Iterator[str
 
 
 def distinct(cells: Iterable[FleetCell]) -> Iterator[FleetCell]:
-    """The cells; raises `InputError` where one has the id of another, for their rows could not be
-    told apart."""
+    """The cells; raises `InputError` if two have the same id, because their rows could not be
+    distinguished."""
     seen: set[str] = set()
     for cell in cells:
         if cell.id in seen:
@@ -214,7 +213,7 @@ def distinct(cells: Iterable[FleetCell]) -> Iterator[FleetCell]:
 
 
 def _rows(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-    """The rows of a manifest as they stand, and its own defaults."""
+    """The rows of a manifest as written, and its own defaults."""
     suffix = path.suffix.lower()
     if isinstance(path, Path) and path.exists() and not path.is_file():
         raise InputError(f"{path}: is a pipe or a device; write the manifest to a file")
@@ -235,7 +234,7 @@ def _rows(path: Path) -> tuple[list[dict[str, Any]], dict[str, Any]]:
                 frame = pl.DataFrame(PARQUET.read(content, {}).columns)
             else:
                 frame = pl.read_csv(
-                    # As text: Polars would unpack what is packed twice, without a limit.
+                    # As text: Polars would unpack a doubly compressed file without a limit.
                     io.StringIO(unzipped(content).decode("utf-8")),
                     infer_schema_length=None,
                     schema_overrides={"id": pl.String},
@@ -266,10 +265,10 @@ def _filled(row: Mapping[str, Any]) -> dict[str, Any]:
 def cell_of(
     row: Options, folder: Path = Path(), where: str = "row", problems: list[str] | None = None
 ) -> FleetCell:
-    """A cell from a row's values by their names; what is not known is carried through.
+    """A cell from a row's values by their names; unknown columns are copied.
 
-    Paths are relative to `folder`. `where` says in messages which row it was; `problems` takes
-    them, one a line. Without it, raises `InputError` where a value cannot be used.
+    Paths are relative to `folder`. `where` names the row in messages; `problems` collects them, one
+    per line. Without it, raises `InputError` if a value cannot be used.
     """
     row, faults = _filled(row), [] if problems is None else problems
     name = str(row.get("id", ""))
@@ -334,7 +333,7 @@ def _window(row: Mapping[str, Any], where: str, faults: list[str], whose: str) -
 def _files_of(
     value: Any, folder: Path, missing: list[str], faults: list[str], where: str
 ) -> Iterator[str]:
-    """The files that a column names, a pattern's by their names; what is not there is noted."""
+    """The files named by a column, those of a pattern in order of name; missing ones are noted."""
     if value is None:
         return
     texts = value.split(SEPARATOR) if isinstance(value, str) else value
@@ -352,10 +351,10 @@ def _files_of(
             continue
         paths = [str(folder / pattern)]
         if not (folder / pattern).exists():
-            # The folder's own name is none.
+            # The folder's own name is not a pattern.
             inside = glob.glob(pattern, root_dir=folder, recursive=True)
             paths = sorted(str(folder / name) for name in inside)
-        # To read from a pipe may never end; a folder is for its reader to refuse.
+        # Reading from a pipe may never end; folders are rejected by their reader.
         odd = [path for path in paths if not (os.path.isfile(path) or os.path.isdir(path))]
         missing += [f"{path} is a pipe or a device" for path in odd]
         missing += [] if paths else [f"{pattern} does not exist"]
@@ -365,8 +364,8 @@ def _files_of(
 def _stored(
     pattern: str, folder: Any, missing: list[str], faults: list[str], where: str
 ) -> Iterator[str]:
-    """Files of a pattern beside a manifest in a store; whether a single file exists is left to its
-    reader.
+    """Files matching a pattern beside a manifest in a store; whether a single file exists is left
+    to its reader.
     """
     if pattern.startswith(("/", "~")) or ".." in re.split(r"[/\\]", pattern):
         faults.append(

@@ -1,4 +1,4 @@
-"""A cell's row: everything that a fleet keeps of an identification, flat, or why there is none."""
+"""A cell's row: all that a fleet keeps of an identification, flat, or the reason why it failed."""
 
 import functools
 import hashlib
@@ -40,19 +40,19 @@ from ..settings import CellSettings, Reading, Settings
 from .dataset import factors_path, keep_file, result_path
 from .manifest import FleetCell, Options, short_name, stamp
 
-# Settings of a fleet that are no arguments of `identify`.
+# Settings of a fleet that are not arguments of `identify`.
 OF_FLEET = ("keep_results", "keep_factors", "pack_cells", "ageing", "loggers")
 CELLS_KEPT = 16
-# Where tables stand in a row.
+# SOC at which tables are stored in a row.
 MIDDLE_SOC = 0.5
 Row = dict[str, Any]
 
 
 def identify_rows(cell: FleetCell, settings: Options, out: Path | None = None) -> list[Row]:
-    """The row of a cell, where it cannot be identified with the reason in one sentence; of a pack
+    """The row of a cell, with the reason in one sentence if it cannot be identified; for a pack
     that of its mean cell, then one for each cell.
 
-    `out` is the fleet's folder, where its `result.json` and factors are kept if that is asked for.
+    `out` is the fleet's folder, where its `result.json` and factors are kept if requested.
     """
     start_s = time.perf_counter()
     row: Row = {"id": cell.id, "error": None, "error code": None, **cell.carried}
@@ -89,11 +89,11 @@ def identify_rows(cell: FleetCell, settings: Options, out: Path | None = None) -
                     content = factors_to_bytes(records)
                     each["factor bytes"] = keep_file(out, factors_path(out, each["id"]), content)
     except InputError as problem:
-        # One sentence, and what is told of each file of a folder with the warnings.
+        # One sentence; reports on the individual files of a folder go to the warnings.
         row["error"], *row["warnings"] = str(problem).splitlines()
         row["error code"] = problem.code
     except Exception as problem:
-        # One cell's trouble, whatever it is, costs that cell its row and no other.
+        # Any problem of one cell costs that cell its row and no other.
         row["error"] = f"{type(problem).__name__}: {reason_of(problem)}"
     row["seconds"] = time.perf_counter() - start_s
     return [row, *of_pack]
@@ -102,7 +102,7 @@ def identify_rows(cell: FleetCell, settings: Options, out: Path | None = None) -
 def grid_of(cell: FleetCell, settings: Options) -> Grid | None:
     """The grid on which a cell's factors are kept; None if they are not.
 
-    Raises `InputError` for a circuit of which none can be kept.
+    Raises `InputError` for a circuit whose factors cannot be kept.
     """
     kind = settings.get("keep_factors")
     circuit = cell.options.get("model") or settings.get("model") or Grid.circuit
@@ -118,7 +118,7 @@ def identified(cell: FleetCell, settings: Options) -> tuple[Result, tuple[Notice
         return result, result.warnings
     job = _job_on_files(cell, settings)
     if not cell.ocv and cell.cell is None:
-        # Which file serves for what, the roles say. Tables, as a refit of kept factors gives.
+        # The roles say how each file is used. Tables, like a refit from kept factors.
         result = identify(job if job.model or job.over else job.changed(over="soc"))
         return result, result.warnings
     window = Window(**cell.window)
@@ -141,7 +141,7 @@ def _job_on_files(cell: FleetCell, settings: Options) -> Job:
         raise InputError(f"{'; '.join(cell.missing)}: correct the name in the manifest")
     job = job_of(settings).changed(**cell.options, bounds=cell.bounds, window=_windows(cell))
     paths, loggers = (*cell.records, *cell.validate), settings.get("loggers")
-    # Files whose roles are to be found stay files.
+    # Files whose roles have yet to be determined stay files.
     if loggers and (cell.ocv or cell.cell is not None):
         read = sources_of(paths, job, loggers)
     else:
@@ -181,7 +181,7 @@ def pack_rows(pack: Pack, name: str) -> list[Row]:
 
 
 def _refitted(cell: FleetCell, settings: Options) -> Row:
-    """The row of records of which only factors were kept, without where it is of."""
+    """The row for records of which only factors were kept, without their origin."""
     if cell.missing:
         raise InputError(f"{'; '.join(cell.missing)}: correct the name in the manifest")
     factors = [record for path in cell.records for record in read_factors(path)]
@@ -198,7 +198,7 @@ def _refitted(cell: FleetCell, settings: Options) -> Row:
     counts = [record.scored for record in factors]
     whole_v = float(np.sqrt(np.average([e.rmse_v**2 for e in fit.errors], weights=counts)))
     grid, circuit = factors[0].grid, factors[0].circuit
-    # A constant circuit with an OCV of its own stands where tables do, as by its records.
+    # A constant circuit with a fitted OCV is stored like tables, as from its records.
     is_constant = grid.is_constant and grid.ocv != "own"
     over = "ocv" if grid.is_constant else "soc"
     return {
@@ -220,12 +220,12 @@ def _refitted(cell: FleetCell, settings: Options) -> Row:
 
 
 def job_of(settings: Options) -> Job:
-    """The job that the settings of a fleet, or the options of a row, ask for."""
+    """The job requested by the settings of a fleet, or the options of a row."""
     return Job(**{name: value for name, value in settings.items() if name not in OF_FLEET})
 
 
 def reasons_against(cell: FleetCell, settings: Options) -> Iterator[str]:
-    """Problems of a cell's row, and where it has none, why its files cannot be identified on."""
+    """Problems of a cell's row and, if there are none, the reason why its files cannot be used."""
     reasons = [*cell.missing]
     answers = attempt(_windows, cell), attempt(job_of, cell.options)
     reasons += [str(answer) for answer in answers if isinstance(answer, InputError)]
@@ -242,12 +242,12 @@ def reasons_against(cell: FleetCell, settings: Options) -> Iterator[str]:
         if job.ocv or job.cell is not None:
             read_inputs(job)
     except InputError as problem:
-        # Behind it each file of a folder has its reason: the first shows of which kind they are.
+        # Followed by the reason for each file of a folder: the first shows the kind.
         yield "; ".join(str(problem).splitlines()[:2])
 
 
 def _windows(cell: FleetCell) -> Window | dict[str, Window]:
-    """One window for all records, or also what those for validation have of their own."""
+    """One window for all records, or also separate ones for validation."""
     common = Window(**cell.window)
     if not cell.validate_window:
         return common
@@ -266,9 +266,9 @@ def _cell_of_tests(
     reading: Reading,
     fits: CellSettings,
 ) -> tuple[CellModel, list[Record | OcvTable], list[Notice], Measured]:
-    """The cell that OCV tests, or an earlier result, show, with these tests, warnings of them and
-    their temperatures. What many cells of a fleet share is read and fitted once; a changed file is
-    another one."""
+    """The cell from OCV tests or an earlier result, with these tests, their warnings and their
+    temperatures. Tests shared by many cells of a fleet are read and fitted once; a changed file
+    counts as another one."""
     if earlier is not None:
         return Result.from_json(earlier[0]).cell, [], [], []
     tests, warnings, temperatures_degc = [], [], []
@@ -288,14 +288,14 @@ def _cell_of_tests(
 
 
 def sources_of(paths: Sequence[str], reading: Reading, loggers: Loggers) -> list[Source]:
-    """Files as they are read, each with what is told of its logger."""
+    """Files as sources, each with its logger's properties."""
     names = file_names([path for path in paths if not is_address(path)])
     read = [source_of(_given(path, reading), names, reading) for path in paths]
     return [source.logged_by(loggers) for source in read]
 
 
 def _given(path: str, reading: Reading) -> Any:
-    """A file as `identify` takes it; what lies in a store is fetched."""
+    """A file as `identify` takes it; one in a store is fetched."""
     if not is_address(path):
         return path
     content = fetched(path, LARGEST_FILE)

@@ -13,10 +13,10 @@ from ..files import located
 from ..metrics import TO_SD
 from .dataset import read_rows, rows_of_others
 
-# What is summed up of every circuit, by the beginning of its column's name; none of the intervals.
+# Columns summarized for every circuit, by the beginning of their names, without the intervals.
 SUMMED_UP = re.compile(r"((tables )?R\d \[Ohm\]|tau\d \[s\]|gamma|(validation )?RMSE \[V\])$")
 # A value this many robust deviations from the median is an outlier, in the logarithm: parameters
-# and errors are positive. With fewer cells nothing is one.
+# and errors are positive. With fewer cells there are no outliers.
 OUTLYING = 5.0
 FEWEST = 8
 # A median absolute deviation below this is rounding.
@@ -26,7 +26,7 @@ WORST = 10
 
 @dataclass(frozen=True)
 class Distribution:
-    """One quantity over the cells of one circuit, in `at_bound` of which a bound decides it.
+    """One quantity over the cells of one circuit, in `at_bound` of which it is at a bound.
 
     `sd_log` is the robust standard deviation of its logarithm.
     """
@@ -43,7 +43,7 @@ class Distribution:
 
 @dataclass(frozen=True)
 class Outlier:
-    """A cell that is far from the others: `deviations` robust ones, negative below the median."""
+    """A cell far from the others: by `deviations` robust ones, negative below the median."""
 
     id: str
     name: str
@@ -54,7 +54,7 @@ class Outlier:
 
 @dataclass(frozen=True)
 class Cause:
-    """Cells that failed or are warned of alike, in the words of the first; numbers differ."""
+    """Cells with the same failure or warning, in the words of the first; numbers differ."""
 
     text: str
     ids: tuple[str, ...]
@@ -76,10 +76,10 @@ class Summary:
 
 
 def read_fleet(out: str | Path, ids: Iterable[str] | None = None) -> pl.DataFrame:
-    """The rows of a fleet's folder, finished or not, one a cell.
+    """The rows of a fleet's folder, finished or not, one per cell.
 
     Args:
-        out: Folder of the dataset, of anybody unless `ids` are given.
+        out: Folder of the dataset, from any author unless `ids` are given.
         ids: The cells to read; by default all.
 
     Raises `InputError` if a file is broken, or unpacks to far more than a fleet's do.
@@ -94,7 +94,7 @@ def read_fleet(out: str | Path, ids: Iterable[str] | None = None) -> pl.DataFram
 
 
 def summarize(rows: pl.DataFrame) -> Summary:
-    """The summary of some rows.
+    """The summary of rows.
 
     Args:
         rows: Rows of a dataset.
@@ -129,7 +129,7 @@ def summarize(rows: pl.DataFrame) -> Summary:
 
 
 def summed_up(rows: pl.DataFrame) -> list[str]:
-    """The columns that are summed up and hold anything."""
+    """The columns that are summarized and contain any value."""
     return [
         name for name in rows.columns
         if SUMMED_UP.match(name) and rows[name].null_count() < len(rows)
@@ -158,14 +158,14 @@ def _distribution(
 
 
 def _causes(rows: pl.DataFrame, text: str, code: str) -> tuple[Cause, ...]:
-    """Causes, the most frequent first: one for texts of one code that differ in names and numbers
-    only."""
+    """Causes, the most frequent first: one for all texts of one code that differ only in names and
+    numbers."""
     causes: dict[str, tuple[str, list[str]]] = {}
     for name, said, kind in rows.select("id", text, code).iter_rows():
         # Without the file's name.
         cause = re.sub(r"^[^:]*\.\w+: ", "", said)
         shape = re.sub(r"\b\d+(\.\d+)?|'[^']*'", "#", cause)
-        # A message without a code of its own is in one family with any other.
+        # A message without its own code is grouped by its words alone.
         key = shape if kind in (None, REFUSED) else f"{kind}: {shape}"
         causes.setdefault(key, (cause, []))[1].append(name)
     causes_by_count = [Cause(cause, tuple(dict.fromkeys(ids))) for cause, ids in causes.values()]

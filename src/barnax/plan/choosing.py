@@ -1,4 +1,5 @@
-"""The plan of some files: which temperature, which OCV test, and what is identified on what."""
+"""The plan for several files: the temperature, the OCV test, and the records for identification and
+validation."""
 
 import math
 from collections.abc import Sequence
@@ -17,13 +18,13 @@ from .draft import Draft, another_cell, copies_of, of_other_cells, plan_of_cells
 from .looking import CandidateFile, Files, by_temperature, is_same_degc, look, split
 from .ocv import DIGITS, OcvChoice, Started, ocv_at, ocv_reason, record_capacity_ah, sweeps_of
 
-# What is identified on, the kinds that show the most of a load first.
+# Kinds of records to identify on, the most dynamic load first.
 _LOADS = ("drive cycle", "pulse test", "OCV test")
-# Ranges of charge within this share of the widest count as equal, and other things decide.
+# Ranges of charge within this share of the widest count as equal, and other criteria decide.
 _AS_WIDE = 0.9
-# A record that moves so many times the capacity is of another cell, or in another unit.
+# A record that moves this many times the capacity is from another cell, or in another unit.
 _ANOTHER = 1.5
-# A charge of so much of the capacity shows the other direction.
+# A charge of this share of the capacity covers the other direction.
 _MUCH = 0.5
 NO_RECORD = "no record can be identified on, for the reason beside each file; "
 OTHER_CELL = "for the reason beside each file; leave it out of the folder if it is of another cell"
@@ -37,17 +38,17 @@ Chosen = Sequence[tuple[Files, OcvChoice | None]]
 
 @takes_options(Job)
 def plan(job: Job) -> Plan:
-    """The plan for a folder or some files of one cell, with reasons; nothing is run.
+    """The plan for a folder or several files of one cell, with reasons; nothing is run.
 
     Records are combined only with an OCV test at the same temperature. If a test is missing, the
-    plan says which.
+    plan names it.
 
     Args:
         records: A folder, or files.
-        ocv: Files that are OCV tests; names alone are those of files in the folder.
+        ocv: Files that are OCV tests; bare names refer to files in the folder.
         validate: Files to validate on, likewise.
         over: With "soc,temperature", and for a folder of pulse tests alone, one record at each
-            temperature is identified, with the OCV test of its own where there is one.
+            temperature is identified, with its own OCV test if there is one.
 
     Raises `InputError` if there is no such file or none can be read.
 
@@ -67,7 +68,7 @@ def plan(job: Job) -> Plan:
     free, tests, others = look(roles, job).values()
     if all(file.refusal for file in (*free, *tests, *others)):
         raise InputError("\n".join(str(file.refusal) for file in (*free, *tests, *others)))
-    # Of a folder some files may be anything; those whose role is given are meant.
+    # A folder may contain unrelated files; those with a given role are intended.
     for file in (*tests, *others):
         if file.refusal:
             raise file.refusal
@@ -82,7 +83,7 @@ def _places(files: Sequence[Given]) -> set[Path]:
 
 
 def _decide(draft: Draft, tests: Files, others: Files) -> Plan:
-    """The plan of files of which some have their role given."""
+    """The plan for files of which some have a given role."""
     _take_given(draft, tests, others)
     if not tests:
         if (several := plan_of_cells(draft)) is not None:
@@ -90,10 +91,10 @@ def _decide(draft: Draft, tests: Files, others: Files) -> Plan:
         draft.leave(of_other_cells(draft.free, draft.given_ah))
     free = draft.free
     records = [file for file in free if file.serves("identification")]
-    # An OCV test with enough pulses is a record too where there is no other.
+    # An OCV test with enough pulses is a record too if there is no other.
     dynamic = [file for file in records if file.kind(None) != "OCV test"] or records
     groups = list(by_temperature(dynamic or free))
-    # An OCV test of its own temperature comes before many records, and a drive before pulses.
+    # An OCV test at the same temperature comes before many records, and a drive before pulses.
     chosen = list[tuple[Files, OcvChoice | None]]()
     for degc, group in sorted(groups, key=lambda pair: not _holds_drive(pair[1])):
         if isinstance(test := ocv_at(degc, free, tests, draft.given_ah), InputError):
@@ -140,14 +141,14 @@ def _decide(draft: Draft, tests: Files, others: Files) -> Plan:
 
 
 def _take_given(draft: Draft, tests: Files, others: Files) -> None:
-    """Settle the files whose role is given, and leave what cannot be read and copies."""
+    """Settle the files with a given role, and leave out unreadable files and copies."""
     for file in draft.files:
         lines = [line.removeprefix(f"{file.name}: ") for line in str(file.refusal).splitlines()]
         draft.leave({file: "; ".join(lines)} if file.refusal else {})
     copies = copies_of(draft.free, (*tests, *others))
     draft.leave({file: same.what for file, same in copies.items()})
     has_free = any(file not in (*tests, *others) for file in draft.free)
-    # Of a folder copies are left out; what was given to validate on is meant.
+    # Copies in a folder are left out; a file given for validation is intended.
     doubled = [file for file in others if file in copies] or ([] if has_free else [*copies])
     if others and doubled:
         raise copies[doubled[-1]].error()
@@ -159,10 +160,10 @@ def _take_given(draft: Draft, tests: Files, others: Files) -> None:
 
 
 def _on_records(draft: Draft, groups: Sequence[Files]) -> Plan | None:
-    """A plan without an OCV test, where records of some temperature can do without, or over
-    temperature those of several: the OCV is then the records' own."""
+    """A plan without an OCV test, if the records at one temperature suffice, or those at several
+    for tables over temperature: the OCV is then fitted to the records."""
     dated = [group for group in groups if draft.is_over and group[0].temperature_degc is not None]
-    # If the temperatures are too few, that is refused as for files whose roles are given.
+    # If the temperatures are too few, that is rejected as for files with given roles.
     for together in (dated, *([group] for group in groups)):
         runs = [run for group in together for run in _without_test(draft, group)]
         if not runs:
@@ -187,7 +188,7 @@ def _on_records(draft: Draft, groups: Sequence[Files]) -> Plan | None:
 
 def _without_test(draft: Draft, group: Files) -> Files:
     """Records to identify on without an OCV test, then those to validate on, the widest first; none
-    where the first cannot be identified on."""
+    if the first is unsuitable for identification."""
     given_ah, free = draft.given_ah, [file for file in group if file in draft.free]
     runs = [file for file in free if not file.missing_for(given_ah, is_validated=True)]
     runs.sort(key=lambda file: (bool(file.missing_for(given_ah)), -file.traits.reach_ah))
@@ -195,7 +196,7 @@ def _without_test(draft: Draft, group: Files) -> Files:
 
 
 def _without_record(draft: Draft, free: Files) -> Plan:
-    """A plan that has nothing to identify on, nor an OCV test."""
+    """A plan without a record to identify on, or an OCV test."""
     given_ah = draft.given_ah
     draft.leave({file: why_useless(file, given_ah) for file in free})
     is_too_large = any(one.missing_for(given_ah) and not one.missing_for(None) for one in free)
@@ -206,14 +207,14 @@ def _without_record(draft: Draft, free: Files) -> Plan:
 def _runnable(draft: Draft, group: Files, choice: OcvChoice, is_pulsed: bool) -> Files:
     """Records that can be simulated with the cell, the best to identify on first.
 
-    Those that cannot are left with the reason.
+    The others are left out with the reason.
     """
     runs: list[CandidateFile] = []
     for file in group:
         if file in draft.taken or (not is_pulsed and file in choice.tests):
             continue
         if is_pulsed:
-            # It starts before its first pulse.
+            # The window starts before the first pulse.
             draft.starts[file] = Started(file.chosen)
         missing = file.missing_for(choice.cell.capacity_ah, is_validated=True)
         if not missing and not is_pulsed and (missing := draft.no_start(file, choice)):
@@ -222,7 +223,7 @@ def _runnable(draft: Draft, group: Files, choice: OcvChoice, is_pulsed: bool) ->
             draft.take(file, "not used", missing)
         else:
             runs.append(file)
-    # An OCV test that is cut short may hold less than a record, but not by so much.
+    # An OCV test that is cut short may span less than a record, but not by this much.
     max_ah = math.inf if choice.capacity_ah else _ANOTHER * choice.cell.capacity_ah
     if within := [file for file in runs if file.traits.span_ah <= max_ah]:
         beyond = [file for file in runs if file not in within]
@@ -249,7 +250,8 @@ def _holds_drive(files: Files) -> bool:
 
 
 def _choose_validation(draft: Draft, record: CandidateFile, others: Files) -> None:
-    """Another profile of the same temperature before the same one again, and the widest of them."""
+    """Choose another profile at the same temperature rather than a repetition, and the widest of
+    them."""
     file = min(others, key=lambda file: (file.is_like(record), -file.traits.reach_ah))
     which = "the same profile again" if file.is_like(record) else "another profile"
     draft.take(file, "validation", f"{which}: {draft.words_of(file)}")
@@ -258,8 +260,8 @@ def _choose_validation(draft: Draft, record: CandidateFile, others: Files) -> No
 
 
 def _take_others(draft: Draft, others: Files, capacity_ah: float) -> None:
-    """All further records of the same temperature are identified on too, each left out once; those
-    too poor for that are left to validate on."""
+    """All further records at the same temperature are identified on too, each left out once; those
+    that are unsuitable are left for validation."""
     for file in others:
         if file.kind(None) == "pulse test" and not file.missing_for(capacity_ah):
             reason = f"pulses, to predict from the drive: {draft.words_of(file)}"
@@ -268,8 +270,8 @@ def _take_others(draft: Draft, others: Files, capacity_ah: float) -> None:
 
 
 def _take_charges(draft: Draft, record: CandidateFile, choice: OcvChoice) -> None:
-    """Charges of the same temperature are identified on too, where they reach over enough: on a
-    flat OCV they show the resistances and the hysteresis of the other direction."""
+    """Charges at the same temperature are identified on too, if they span enough: on a flat OCV
+    they determine the resistances and the hysteresis in the other direction."""
     cell = choice.cell
     for file in draft.free:
         span_ah, degc = file.traits.span_ah, file.temperature_degc
@@ -283,7 +285,8 @@ def _take_charges(draft: Draft, record: CandidateFile, choice: OcvChoice) -> Non
 def _take_other_temperatures(
     draft: Draft, record: CandidateFile, chosen: Chosen, choice: OcvChoice, is_pulsed: bool
 ) -> None:
-    """The best record of each further temperature, for tables over it, with its own OCV test."""
+    """The best record at each further temperature, for tables over temperature, with its own OCV
+    test."""
     for group, test in chosen:
         degc = group[0].temperature_degc
         if degc is None or is_same_degc(degc, record.temperature_degc):
@@ -299,7 +302,7 @@ def _take_other_temperatures(
 
 
 def _leave_others(draft: Draft, choice: OcvChoice, chosen: Chosen) -> None:
-    """Give the files that are left no role, with the reason."""
+    """Leave the remaining files without a role, with the reason."""
     degcs = (test.temperature_degc for test in choice.tests if test.temperature_degc is not None)
     degc = next(degcs, None)
     usable = {file for group, test in chosen if test for file in (*group, *test.tests)}
@@ -319,7 +322,7 @@ def _leave_others(draft: Draft, choice: OcvChoice, chosen: Chosen) -> None:
 def options_of(
     draft: Draft, runs: Files, choice: OcvChoice
 ) -> tuple[dict[str, Any], dict[str, str]]:
-    """Arguments of `identify` that the files decide, and why."""
+    """Arguments of `identify` that the files decide, and the reasons."""
     if draft.given_ah is not None:
         return {"capacity": draft.given_ah}, {"capacity": "given"}
     record, record_ah = runs[0], None

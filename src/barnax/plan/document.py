@@ -1,4 +1,4 @@
-"""A plan: which file serves for what, in which window and why; as TOML, and read back."""
+"""A plan: the role, window and reason of every file; written to TOML and read back."""
 
 import functools
 import json
@@ -23,7 +23,7 @@ from ..settings import WINDOW_OPTIONS, Window
 
 ROLES: tuple[Use, ...] = get_args(Use)
 
-# Why an option is so where a user chose it.
+# Reason for an option that a user chose.
 GIVEN = "given"
 # Arguments of `identify`, by name.
 Options = Mapping[str, Any]
@@ -31,16 +31,16 @@ Options = Mapping[str, Any]
 
 @dataclass(frozen=True, repr=False)
 class Plan(Brief):
-    """Roles and windows of some files, and what is run on them: `identify`, or `hppc`.
+    """Roles and windows of files, and the command to run on them: `identify`, or `hppc`.
 
     Args:
-        command: What is run.
+        command: Command to run.
         parts: Every file, or part of one, with its role and window.
         options: Arguments of `identify`, such as the capacity in Ah.
-        reasons: Why these, by option.
-        missing: Which test must be measured before the plan can be run; empty if it can be run.
-        window: What is given for all records.
-        warnings: Those about where its files lie.
+        reasons: Reasons for these, by option.
+        missing: Test that must be measured before the plan can be run; empty if it can be run.
+        window: Values given for all records.
+        warnings: Warnings about the locations of its files.
     """
 
     command: Literal["identify", "hppc"]
@@ -52,12 +52,12 @@ class Plan(Brief):
     warnings: tuple[Notice, ...] = ()
 
     def of_role(self, role: Use) -> tuple[FileRole, ...]:
-        """The parts that serve for a role."""
+        """The parts with a role."""
         return tuple(part for part in self.parts if part.role == role)
 
     @property
     def unused(self) -> dict[str, str]:
-        """The files that are not used, together where the reason is one but for a temperature."""
+        """The files that are not used, grouped if their reasons differ only by a temperature."""
         files: dict[str, list[str]] = {}
         for part in self.of_role("not used"):
             at = named_degc(part.temperature_degc)
@@ -70,15 +70,15 @@ class Plan(Brief):
 
     @property
     def lines(self) -> list[str]:
-        """Every file with what it is and why it serves or not: a line each, but for those that are
-        not used for one reason."""
+        """Every file with its kind and the reason for its role: one line each, except for files
+        that are not used for the same reason."""
         used = [part for part in self.parts if part.role != "not used"]
         lines = [f"{part.name}: {part.role} ({part.kind}): {part.reason}" for part in used]
         return [*lines, *(f"{names}: not used: {why}" for why, names in self.unused.items())]
 
     @property
     def stored(self) -> tuple[FileRole, ...]:
-        """Every file as a result keeps it; none where the roles were given."""
+        """Every file as stored in a result; empty if the roles were given."""
         kept = ("name", "role", "kind", "reason", "temperature_degc", "plans_soc")
         facts = ({name: getattr(part, name) for name in kept} for part in self.parts)
         is_chosen = any(part.reason for part in self.parts)
@@ -98,14 +98,14 @@ class Plan(Brief):
         return replace(self, parts=tuple(sorted(parts, key=lambda part: ROLES.index(part.role))))
 
     def changed(self, window: Windows, **options: Any) -> "Plan":
-        """The plan with what a user has chosen otherwise, by record or for all; None is no choice.
+        """The plan with the user's choices applied, by record or for all; None is no choice.
 
-        A window for a record that is not simulated is left to be refused where the plan is run.
+        A window for a record that is not simulated is rejected when the plan is run.
         """
         windows = windows_by_name(window)
         common = windows.get("") or Window()
         if common.capacity_ah is not None:
-            # One for all records is an option of the whole run.
+            # A value for all records is an option of the whole run.
             options = {"capacity": common.capacity_ah, **options}
             windows[""] = common = replace(common, capacity_ah=None)
         parts = []
@@ -126,7 +126,7 @@ class Plan(Brief):
 
 
 def named_degc(degc: float | None) -> str:
-    """A temperature in words, with the preposition; nothing of one that is not known."""
+    """A temperature in words, with the preposition; empty if it is unknown."""
     return "" if degc is None else f" at {degc:.3g} degC"
 
 
@@ -139,13 +139,13 @@ _HEAD = (
 )
 
 
-# Options of a record, in the order of a `Window`, by the fields that they are.
+# Options of a record, in the order of a `Window`, by their fields.
 _OPTION_OF = {name: option for option, (name, *_) in WINDOW_OPTIONS.items()}
 _FIELD_OF = {_OPTION_OF[one.name]: one.name for one in fields(Window) if one.name in _OPTION_OF}
-# What was found of a file: results tell it again.
+# Findings about a file: results report them again.
 _FINDINGS = ("kind", "reason", "sha256", "temperature_degc", "plans_soc", "sampling")
-# The types of options of a record, of the run by the names of `barnax.identify` (one capacity for
-# all records is one too) beside what a plan has of its own, and of what a file's table may hold.
+# The types of options of a record, of the run by the names of `barnax.identify` (including one
+# capacity for all records) in addition to a plan's own keys, and of the keys in a file's table.
 _PART = get_type_hints(FileRole)
 _OF_RECORD = {option: get_type_hints(Window)[name] for option, name in _FIELD_OF.items()}
 _OF_PLAN = {"command": get_type_hints(Plan)["command"], "reasons": dict[str, str]}
@@ -158,12 +158,12 @@ _OF_FILE = {
 
 
 def plan_to_toml(plan: Plan) -> str:
-    """The plan as TOML; `plan_from_toml` makes the same of it.
+    """The plan as TOML; `plan_from_toml` restores it.
 
     Args:
         plan: A plan from `plan.plan`.
 
-    Raises `InputError` for a file whose name TOML cannot hold.
+    Raises `InputError` for a file whose name TOML cannot represent.
     """
     for path in (str(path) for part in plan.parts for path in part.paths):
         if path.encode(errors="replace").decode() != path:
@@ -183,7 +183,7 @@ def plan_to_toml(plan: Plan) -> str:
     if reasons:
         document.add("reasons", tomlkit.item(reasons))
     document.add("files", tomlkit.item([_table(part, _values(plan.window)) for part in plan.parts]))
-    # Comments are printable already: what is left stands in quotes.
+    # Comments are printable already: everything else is in quotes.
     return "".join(
         letter if letter == "\n" or letter.isprintable() else f"\\U{ord(letter):08x}"
         for letter in tomlkit.dumps(document)
@@ -200,7 +200,7 @@ def _table(part: FileRole, common: Mapping[str, Any]) -> dict[str, Any]:
     if all(values.get(option) == common.get(option) for option in starts):
         values = {option: value for option, value in values.items() if value != common.get(option)}
     facts = ((name, getattr(part, name)) for name in _FINDINGS)
-    # 0 degC is told.
+    # 0 degC is a value.
     findings = {name: v for name, v in facts if v not in (None, "") and v is not False}
     return table | values | findings
 
@@ -215,11 +215,12 @@ def plan_from_toml(path: str | Path) -> Plan:
     """The plan in a TOML file.
 
     Args:
-        path: The file. The files that it names lie beside it or where the command runs; a file that
-            is not where it says is looked for there and in the folder above the plan's, by its name
-            and its digest. Where the plan has none, a warning says what was taken.
+        path: The file. Files are looked for beside it or relative to the working directory; one
+            that does not exist there is searched in these folders and in the folder above the
+            plan's, by its name and its digest. If the plan has no digest, a warning names the file
+            that was used.
 
-    Raises `InputError` that names the file, the key and what it takes.
+    Raises `InputError` that names the file, the key and the accepted values.
     """
     path = Path(path)
     shown, content = printable(path.name), _content(path)
@@ -245,7 +246,7 @@ def plan_from_toml(path: str | Path) -> Plan:
 
 
 def _content(path: Path) -> dict[str, Any]:
-    """The content of a TOML file. Raises `InputError` if that cannot be read."""
+    """The content of a TOML file. Raises `InputError` if it cannot be read."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as problem:
@@ -255,8 +256,8 @@ def _content(path: Path) -> dict[str, Any]:
 
 
 def folders_in(path: Path) -> tuple[Path, ...]:
-    """The folders of the files that a plan names, from its own and from where the command runs;
-    none of what is no plan."""
+    """The folders of the files that a plan names, relative to its own and to the working directory;
+    empty if the file is not a plan."""
     content = attempt(_content, path)
     listed = None if isinstance(content, InputError) else content.get("files")
     tables = [one for one in listed if isinstance(one, dict)] if isinstance(listed, list) else []
@@ -287,7 +288,8 @@ def _part(shown: str, table: Mapping[str, Any], common: Window) -> FileRole:
 def _named(
     parts: tuple[FileRole, ...], folder: Path
 ) -> tuple[tuple[FileRole, ...], tuple[Notice, ...]]:
-    """The parts where they lie, by the names that results will call their files, and warnings."""
+    """The parts with their located files, by the names that results will use for them, and
+    warnings."""
     used = (path for part in parts if part.role != "not used" for path in part.paths)
     names = file_names(used)
     named, warnings = [], dict[Notice, None]()

@@ -1,5 +1,5 @@
-"""A plan in the making: the decisions so far on every file, and the words for them; and files that
-are copies, or of other cells, by folders and by what tests hold."""
+"""A plan in the making: the decisions so far on every file, and their wording; and detection of
+files that are copies, or from other cells, by folders and by the charge of tests."""
 
 import math
 from collections.abc import Mapping
@@ -18,9 +18,9 @@ from .document import ROLES, Plan
 from .looking import CandidateFile, Files, is_same_degc
 from .ocv import OcvChoice, Started, ocv_at, ocv_reason, started
 
-# What moves so many times the charge of a cell is of another.
+# A record that moves this many times the charge of a cell is from another one.
 _BEYOND = 1.2
-# Tests of one cell between the same voltages, to this share, differ by less than this factor.
+# Tests of one cell between the same voltages, within this share, differ by less than this factor.
 _SAME_CELL, _SAME_RANGE = 1.5, 0.9
 
 
@@ -28,7 +28,7 @@ _SAME_CELL, _SAME_RANGE = 1.5, 0.9
 class Draft:
     """The decisions so far: a role, a reason and a window for some of the files.
 
-    `given_ah` is the capacity that was given, `is_over` whether all temperatures are asked for.
+    `given_ah` is the given capacity, `is_over` whether all temperatures are requested.
     """
 
     files: Files
@@ -45,11 +45,11 @@ class Draft:
         return [file for file in self.files if file not in self.taken]
 
     def start(self, file: CandidateFile) -> Started:
-        """The start of a record; where it was not looked for, that of its own window."""
+        """The start of a record; if it was not searched, that of its own window."""
         return self.starts.get(file) or Started(file.window)
 
     def take(self, file: CandidateFile, role: Use, reason: str) -> None:
-        """Settle a file's role, unless it is settled; what is simulated has its window then."""
+        """Settle a file's role, unless it is settled; a simulated file then has its window."""
         if file in self.taken:
             return
         window, source = self.start(file).window if role in SIMULATED else Window(), file.source
@@ -73,7 +73,7 @@ class Draft:
             self.take(file, "not used", reason)
 
     def take_record(self, file: CandidateFile, capacity_ah: float | None, why: str = "") -> None:
-        """Settle that a record is identified on, or validated on where it is too poor for that."""
+        """Settle that a record is identified on, or validated on if it is unsuitable."""
         if missing := file.missing_for(capacity_ah):
             self.take(file, "validation", f"too little to identify on: {missing}")
         reason = "; ".join(filter(None, (self.words_of(file), why)))
@@ -88,8 +88,8 @@ class Draft:
     def start_given(
         self, file: CandidateFile, tests: Files, cell: CellModel | None = None
     ) -> OcvChoice | None:
-        """Look for the start of a record whose role is given, on the cell or the OCV test of its
-        temperature, which is returned; what cannot be is refused where it is run."""
+        """Search the start of a record with a given role, on the cell or the OCV test at its
+        temperature, which is returned; anything impossible is rejected when the plan is run."""
         degc = file.temperature_degc
         by_test = None if cell else ocv_at(degc, self.files, tests, self.given_ah)
         choice = OcvChoice((), cell.at(degc)) if cell else by_test
@@ -100,7 +100,8 @@ class Draft:
         return choice
 
     def no_start(self, file: CandidateFile, choice: OcvChoice) -> str:
-        """The reason why a record has no start on the OCV; empty where it has one, now known."""
+        """The reason why a record has no start on the OCV; empty if it has one, which is then
+        stored."""
         start = attempt(started, self.files, file, choice)
         if isinstance(start, InputError):
             return str(start).removeprefix(f"{file.name}: ")
@@ -108,13 +109,14 @@ class Draft:
         return ""
 
     def words_of(self, file: CandidateFile) -> str:
-        """Why a record serves, as the checks say, and where its start is known from."""
+        """The reason why a record is used, according to the checks, and the source of its start."""
         roles = (name for name in ("identification", "validation") if file.serves(name))
         role = next(roles, None)
         return "" if role is None else file.roles[role].reason + self.start(file).words
 
     def tell_temperatures(self) -> None:
-        """Put the temperature that a name tells into the windows of records without a column."""
+        """Put the temperature from a name into the windows of records without a temperature
+        column."""
         for file, part in self.taken.items():
             is_open = part.role != "not used" and part.window.temperature_degc is None
             if is_open and file.is_record and file.record.temperature_degc is None:
@@ -122,9 +124,9 @@ class Draft:
                 self.taken[file] = replace(part, window=window)
 
     def parts(self) -> tuple[FileRole, ...]:
-        """Every file: those that serve first, by their role, the best to identify on first.
+        """Every file: those with a role first, by role, the best to identify on first.
 
-        Pulse tests have the OCV of their rests, but beside an OCV test they are named as one too.
+        Pulse tests have the OCV of their rests, but with an OCV test they are listed as one too.
         """
         parts = []
         best = [file for file, part in self.taken.items() if part.role == "identification"]
@@ -144,7 +146,7 @@ def why_useless(file: CandidateFile, capacity_ah: float | None) -> str:
 
 
 def another_cell(file: CandidateFile, capacity_ah: float | None) -> str:
-    """The reason that a file moves more charge than the cell holds; empty where it does not."""
+    """The reason that a file moves more charge than the cell holds; empty if it does not."""
     span_ah = file.traits.span_ah
     if not capacity_ah or span_ah <= _BEYOND * capacity_ah:
         return ""
@@ -152,14 +154,14 @@ def another_cell(file: CandidateFile, capacity_ah: float | None) -> str:
 
 
 def copies_of(files: Files, given: Files) -> dict[CandidateFile, Notice]:
-    """The files whose bytes or samples another one has, and what says so.
+    """The files with the same bytes or samples as another one, with a notice for each.
 
-    What was given is kept, and of a record and a part of it the longer one.
+    A given file is kept, and of a record and a part of it the longer one.
     """
     copies: dict[CandidateFile, Notice] = {}
     first_of: dict[tuple[object, ...], CandidateFile] = {}
     for file in sorted(files, key=lambda one: one not in given):
-        # A record that came from no file is only like itself.
+        # A record without a file has no copy.
         source = (file.source.sha256, file.source.span_s) if file.source else (id(file),)
         if (same := first_of.setdefault(source, file)) is not file:
             values = {"same": "bytes", "other": same.name}
@@ -178,16 +180,16 @@ def copies_of(files: Files, given: Files) -> dict[CandidateFile, Notice]:
 
 
 def plan_of_cells(draft: Draft) -> Plan | None:
-    """A plan that lists the cells of a folder and asks for one; None if they are of one cell.
+    """A plan that lists the cells of a folder and asks for one; None if they are one cell.
 
-    Folders that each hold a record, and the same OCV test, are of different cells.
+    Folders that each hold a record, and the same OCV test, belong to different cells.
     """
     files, folders = draft.free, set[Path]()
     for one, other in permutations([file for file in files if passed_ah(file)], 2):
         if _is_repeated(one, other):
             apart = [folder for folder in one.path.parents if folder not in other.path.parents]
             folders |= set(apart[-1:])
-    # Of folders in each other the inner ones.
+    # Only the inner ones of nested folders.
     inner = folders - {outer for folder in folders for outer in folder.parents}
     cells = {path: [one for one in files if path in one.path.parents] for path in sorted(inner)}
     cells = {folder: inside for folder, inside in cells.items() if _records(inside)}
@@ -205,7 +207,7 @@ def plan_of_cells(draft: Draft) -> Plan | None:
 
 
 def _is_repeated(one: CandidateFile, other: CandidateFile) -> bool:
-    """True if two OCV tests are of one kind, temperature and direction."""
+    """True if two OCV tests have the same kind, temperature and direction."""
     same = is_same_degc(one.temperature_degc, other.temperature_degc, is_strict=True)
     directions = [{sweep.direction for sweep in test.traits.sweeps} for test in (one, other)]
     return same and one.kind(None) == other.kind(None) and directions[0] == directions[1]
@@ -222,10 +224,10 @@ def passed_ah(file: CandidateFile) -> float:
 
 
 def of_other_cells(files: Files, given_ah: float | None) -> dict[CandidateFile, str]:
-    """OCV tests of cells that hold another charge, each with the records that fit it, and the
-    reason why they are left: the cell that is meant is that of most records.
+    """OCV tests of cells with a different capacity, each with the records that fit it, and the
+    reason why they are left out: the intended cell is that of most records.
 
-    `given_ah` is the capacity in Ah of the cell that is meant, if it was given.
+    `given_ah` is the capacity in Ah of the intended cell, if given.
     """
     tests = {file: passed_ah(file) for file in files if passed_ah(file)}
     ranked = sorted(tests, key=passed_ah)
@@ -252,7 +254,8 @@ def of_other_cells(files: Files, given_ah: float | None) -> dict[CandidateFile, 
 
 
 def _is_other(smaller: CandidateFile, larger: CandidateFile) -> bool:
-    """True if two OCV tests are of different cells; one over less of the voltage may be a part."""
+    """True if two OCV tests are from different cells; one with a narrower voltage range may be a
+    part."""
     spans_v = []
     for test in (smaller, larger):
         volts = [point.voltage_v for sweep in test.traits.sweeps for point in sweep.points]

@@ -1,4 +1,4 @@
-"""Candidate files: each read once, checked, classified, and cut where it holds several tests.
+"""Candidate files: each read once, checked, classified, and cut if it holds several tests.
 
 A file that holds a whole schedule is cut into its tests, by full charges and by OCV sweeps.
 """
@@ -32,27 +32,27 @@ from ..settings import Reading
 
 # Kinds of tests that have a role.
 SERVING = ("OCV test", "slow sweep", "pulse test", "drive cycle")
-# Quantiles of the current by which two profiles are told apart, and by how much of the larger peak
-# they differ on average.
+# Quantiles of the current by which two profiles are compared, and the average difference, as a
+# share of the larger peak, from which on they differ.
 _QUANTILES = np.linspace(0.05, 0.95, 19)
 _ANOTHER = 0.05
-# A charge without a rest of so long that passes this share of what the record spans ends a test.
+# A charge, with no rest of this length, that passes this share of the record's span ends a test.
 _PAUSE_S, _BULK, _NEAR_FULL_V = 300.0, 0.3, 0.02
-# A slow one is a test itself.
+# A slow one is itself a test.
 _SLOW_S = 9 * 3600.0
-# What is shorter is no test.
+# Anything shorter is no test.
 _FEWEST, _SHORTEST_S = 50, 600.0
 
 
 @dataclass(frozen=True, eq=False)
 class CandidateFile:
-    """One file that was looked at, with the facts that the checks tell of it.
+    """A file that was examined, with the findings of the checks.
 
-    `more` are the further files of its log, and `evidence` says why they are. `refusal` says why it
-    cannot be read. `traits` are those of a record, and `warnings` the number of those about it.
-    `starts_full` says that the file shows a charge to full right before this part of it, `chosen`
-    what its user says of it, and `how` how it is read. What is given as a record or table is
-    `given`, and not looked at.
+    `more` are the further files of its log, with the `evidence` for them. `refusal` is the reason
+    why it cannot be read. `traits` are those of a record, and `warnings` the number of those about
+    it. `starts_full` is True if the file has a charge to full right before this part of it,
+    `chosen` holds the user's choices for it, and `how` the way it is read. A record or table passed
+    as data is `given`, and not examined.
     """
 
     path: Path
@@ -71,7 +71,7 @@ class CandidateFile:
 
     @property
     def is_record(self) -> bool:
-        """True for what can be read and is no table of OCV."""
+        """True for a readable file other than an OCV table."""
         return self.traits is not NO_TRAITS
 
     @property
@@ -80,7 +80,7 @@ class CandidateFile:
         return self.traits.temperature_degc if given is None else given
 
     def serves(self, name: str) -> bool:
-        """True if it can serve in a role, as the checks say."""
+        """True if it can have a role, according to the checks."""
         return name in self.roles and self.roles[name].is_usable
 
     def kind(self, capacity_ah: float | None) -> Kind | str:
@@ -90,12 +90,12 @@ class CandidateFile:
         return "unreadable" if self.refusal else "OCV table"
 
     def missing_for(self, capacity_ah: float | None, is_validated: bool = False) -> str:
-        """The reason why it cannot be simulated; empty where it can."""
+        """The reason why it cannot be simulated; empty if it can."""
         return self.traits.missing_for(capacity_ah, is_validated) if self.is_record else ""
 
     @cached_property
     def content(self) -> Record | OcvTable:
-        """Its record or table. Raises `InputError` if that cannot be read."""
+        """Its record or table. Raises `InputError` if it cannot be read."""
         return self.given or read_ocv_test(self.readable, **self.how)
 
     @property
@@ -117,11 +117,11 @@ class CandidateFile:
 
     @property
     def window(self) -> Window:
-        """The window that the checks suggest, with what was chosen in its place."""
+        """The window that the checks suggest, with the user's choices applied."""
         suggested = self.suggested
         window = suggested.window if suggested else Window()
         if self.chosen.initial_soc is not None:
-            # It is that of the first row, or of the start that is chosen with it.
+            # A chosen SOC applies to the first row, or to the start that is chosen with it.
             window = replace(window, **dict.fromkeys(START))
         elif suggested and self.starts_full and window.start_after_step is None:
             window = replace(window, start_time_s=None, initial_soc=1.0)
@@ -136,7 +136,7 @@ class CandidateFile:
         return np.quantile(record.current_a[is_scored], _QUANTILES)
 
     def is_like(self, other: "CandidateFile") -> bool:
-        """True if both play the same profile, by how the current is distributed."""
+        """True if both have the same profile, by the distribution of the current."""
         peak_a = max(np.abs(file._quantiles_a).max() for file in (self, other))
         apart_a = np.abs(self._quantiles_a - other._quantiles_a).mean()
         return bool(apart_a <= _ANOTHER * peak_a)
@@ -146,9 +146,9 @@ Files = Sequence[CandidateFile]
 
 
 def look(given: Mapping[Use, Sequence[Any]], job: Job) -> dict[Use, list[CandidateFile]]:
-    """Every file once, in the order given, by the role that it is read for, with what the windows
-    of a job say of it; those of one log that was cut under load as one. One that cannot be read is
-    told as such."""
+    """Every file once, in the order given, by the role for which it is read, with the windows that
+    a job gives for it; those of one log that was cut under load as one. One that cannot be read has
+    a refusal."""
     items = [item for several in given.values() for item in several]
     names, called = file_names(items), dict[str, int]()
     looked: dict[Use, list[CandidateFile]] = {role: [] for role in given}
@@ -162,7 +162,7 @@ def look(given: Mapping[Use, Sequence[Any]], job: Job) -> dict[Use, list[Candida
             read = partial(named_source, item, role, names, called, job)
             with job.watch(f"Looking at {name}", 0):
                 looked[role].append(_looked_at(file, read, role, job, job.window))
-    # What is said of a file by its name is said of it alone.
+    # Options given for a file by its name apply to that file alone.
     named = {*windows_by_name(job.window), *job.lags_s} - {""}
     common = window_of(job.window, "")
     for role in looked.keys() - {"OCV test"}:
@@ -178,7 +178,8 @@ def _looked_at(
     reading: Reading,
     window: Windows,
 ) -> CandidateFile:
-    """A file that is read, with what the checks tell of it; what refuses it is said of it."""
+    """A file that is read, with the findings of the checks, or with the reason if it is
+    rejected."""
     if isinstance(source := attempt(read), InputError):
         return replace(file, refusal=source)
     chosen = window_of(window, source.name)
@@ -198,8 +199,8 @@ def _whole_logs(
     named: Collection[str],
     look_at: Callable[[CandidateFile, Callable[[], Any]], CandidateFile],
 ) -> Iterator[CandidateFile]:
-    """The files, those that continue each other under load as one; each by itself where several may
-    continue it, where its name is among those `named`, or where they make no record together."""
+    """The files, those that continue each other under load as one; each by itself if several may
+    continue it, if its name is among those `named`, or if they make no record together."""
     pieces = [
         file
         for file in files
@@ -235,8 +236,8 @@ def _whole_logs(
 
 
 def _checked(file: CandidateFile) -> CandidateFile:
-    """A file that was read, with what the checks tell of it. Raises `InputError` if they cannot
-    look at it."""
+    """A file that was read, with the findings of the checks. Raises `InputError` if they cannot
+    process it."""
     check = check_file(file.readable, rest_current_a=file.chosen.rest_current_a, **file.how)
     roles = {role.name: role for role in check.roles}
     if check.traits is None and roles:
@@ -249,7 +250,7 @@ def _checked(file: CandidateFile) -> CandidateFile:
 
 
 def split(file: CandidateFile) -> list[CandidateFile]:
-    """The tests of a file, each as a part of it; the file itself where it holds one at most."""
+    """The tests in a file, each as a part of it; the file itself if it holds at most one."""
     parts = _joined(file, _tests(file)) if file.is_record else []
     if sum(_serves(part, file) for part in parts) < 2:
         return [file]
@@ -266,8 +267,8 @@ def _serves(part: CandidateFile, file: CandidateFile) -> bool:
 
 
 def _joined(file: CandidateFile, parts: Iterable[CandidateFile]) -> list[CandidateFile]:
-    """The parts, drive cycles joined that no charge to full lies between: as one they know where
-    each of them starts."""
+    """The parts, with drive cycles joined if no charge to full lies between them: together, each
+    has a known start."""
     joined: list[CandidateFile] = []
     for part in parts:
         are_drives = joined and joined[-1].kind(None) == part.kind(None) == "drive cycle"
@@ -281,7 +282,7 @@ def _joined(file: CandidateFile, parts: Iterable[CandidateFile]) -> list[Candida
 
 
 def _tests(file: CandidateFile) -> Iterator[CandidateFile]:
-    """The tests of a file, some of which may begin with the cell charged to full."""
+    """The tests in a file, some of which may begin with the cell charged to full."""
     record = file.record
     for first, last, is_full in _between_charges(record):
         if not _is_long(record, first, last):
@@ -341,7 +342,8 @@ def _is_long(record: Record, first: int, last: int) -> bool:
 
 
 def by_temperature(files: Files) -> Iterator[tuple[float | None, Files]]:
-    """The files of each temperature: the most first, and of equally many those nearest to room."""
+    """The files at each temperature: the largest group first, equal ones by distance from room
+    temperature."""
     unknown = [file for file in files if file.temperature_degc is None]
     by_name = sorted(files, key=lambda file: file.name)
     measured = [(degc, file) for file in by_name if (degc := file.temperature_degc) is not None]
@@ -350,7 +352,7 @@ def by_temperature(files: Files) -> Iterator[tuple[float | None, Files]]:
         degc = group[0].temperature_degc
         return -len(group), np.inf if degc is None else abs(degc - REFERENCE_DEGC)
 
-    # A file of unknown temperature may be of any.
+    # A file of unknown temperature may belong to any group.
     groups = [*group_near(measured).values()]
     groups += [[file for file in by_name if file in unknown]] if unknown else []
     for group in sorted(groups, key=rank):
@@ -359,7 +361,7 @@ def by_temperature(files: Files) -> Iterator[tuple[float | None, Files]]:
 
 
 def is_same_degc(one: float | None, other: float | None, is_strict: bool = False) -> bool:
-    """True if two temperatures are one; an unknown one may be any, unless `is_strict`."""
+    """True if two temperatures are equal; an unknown one may be any, unless `is_strict`."""
     if one is None or other is None:
         return one is other or not is_strict
     return abs(one - other) <= SAME_DEGC

@@ -1,4 +1,5 @@
-"""The files of an OCV test, and the start of a record on it: at full, or at another's end."""
+"""The files of an OCV test, and the start of a record on it: at full, or at the end of another
+record."""
 
 import itertools
 import math
@@ -17,23 +18,25 @@ from ..model.window import Window, first_sample
 from ..records.log import goes_on, pause_s
 from .looking import CandidateFile, Files, is_same_degc
 
-# A rested cell so near full is full: the last digits of a voltage there tell of the rest before.
+# A rested cell this near full is full: the last digits of its voltage reflect the rest before.
 _FULL = 0.005
 # A quarter of the charge without a point is a hole in an OCV test.
 _HOLE = 0.25
-# To so many digits a capacity and a state of charge are known.
+# Digits to which a capacity and a state of charge are known.
 DIGITS = 4
-# What one test takes more out of a cell than another does; a larger cell takes more than that.
+# One test may take this much more charge out of a cell than another; a larger cell takes more than
+# that.
 _LITTLE_MORE = 1.15
-# A file goes on from another where its counters agree to this share of the capacity, so soon after.
+# A file continues another if its counters agree to this share of the capacity, at most this much
+# later.
 _SAME_COUNT, _PAUSE_S = 1e-3, 3600.0
 
 
 @dataclass(frozen=True, eq=False)
 class OcvChoice:
-    """The files that are the OCV test, and the cell that they show.
+    """The files of the OCV test, and the cell characterized from them.
 
-    `capacity_ah` is what they need to be told; None if they tell it themselves.
+    `capacity_ah` is the capacity that they require; None if they determine it themselves.
     """
 
     tests: tuple[CandidateFile, ...]
@@ -42,7 +45,7 @@ class OcvChoice:
 
     @classmethod
     def of(cls, tests: Files, capacity_ah: float | None) -> Self:
-        """The files with the cell that they show. Raises `InputError` if they show none."""
+        """The files with their cell. Raises `InputError` if they do not determine one."""
         cell = characterize([test.content for test in tests], capacity_ah=capacity_ah)
         return cls(tuple(tests), cell, capacity_ah)
 
@@ -54,8 +57,8 @@ class OcvChoice:
 def ocv_at(
     degc: float | None, free: Files, tests: Files, given_ah: float | None
 ) -> OcvChoice | InputError | None:
-    """The OCV test of a temperature: the given one, or why it is none, else the best that there is,
-    if any. `given_ah` is the capacity that was given."""
+    """The OCV test at a temperature: the given one, or the reason why it is none, else the best
+    one, if any. `given_ah` is the given capacity."""
     near = [file for file in free if is_same_degc(file.temperature_degc, degc)]
     records = [file.traits.longest_discharge_ah for file in near if file.is_record]
     longest_ah = max(records, default=0.0) or None
@@ -75,8 +78,8 @@ def ocv_at(
 def _first_cell(
     sets: Sequence[Files], given_ah: float | None, longest_ah: float | None
 ) -> OcvChoice | InputError | None:
-    """The first set of files that makes a cell, by the given capacity or by itself, or where none
-    does by the longest discharge, else why the first makes none; None without any."""
+    """The first set of files that gives a cell, with the given capacity or by itself, or if none
+    does with the longest discharge, else the reason why the first fails; None without any."""
     refusal = None
     by_itself = itertools.product(sets, dict.fromkeys((given_ah, None)))
     by_longest = itertools.product(sets, [longest_ah] if longest_ah else [])
@@ -89,8 +92,8 @@ def _first_cell(
 
 
 def ocv_reason(tests: Files, capacity_ah: float | None = None) -> str:
-    """The sweeps of a set of tests, in words, with the capacity of the cell, or what they passed
-    where none of theirs is used."""
+    """The sweeps of a set of tests, in words, with the capacity of the cell, or the charge they
+    passed if it is not used."""
     sweeps = sweeps_of(tests)
     if not sweeps:
         return "a table of OCV over state of charge"
@@ -104,7 +107,7 @@ def ocv_reason(tests: Files, capacity_ah: float | None = None) -> str:
 
 
 def _sets(candidates: Files) -> Iterator[Files]:
-    """Every file by itself, every two of opposite directions, and all parts of one direction."""
+    """Every file by itself, every two of opposite directions, and all parts in one direction."""
     outward, inward = (
         [file for file in candidates if _directions([file]) == {direction}]
         for direction in (DISCHARGE, CHARGE)
@@ -116,9 +119,9 @@ def _sets(candidates: Files) -> Iterator[Files]:
 
 
 def _rank(tests: Files, max_ah: float) -> tuple:
-    """Tests without holes come before others, both directions before one, tests that close before
-    others, tests of their own before pulse tests, rests before slow sweeps, and many points before
-    few."""
+    """Sort key of tests: those without holes before others, both directions before one, tests that
+    close before others, separate tests before pulse tests, rests before slow sweeps, and many
+    points before few."""
     sweeps = sweeps_of(tests)
     passed_ah = [sweep.passed_ah for sweep in sweeps] or [0.0]
     return (
@@ -135,8 +138,8 @@ def _rank(tests: Files, max_ah: float) -> tuple:
 
 
 def _hole_ah(sweeps: Sequence[Sweep], max_ah: float) -> float:
-    """The most charge without a point. What one direction does not reach counts too, of a cell
-    that passes `max_ah`; two that close reach both ends."""
+    """The largest charge without a point. For a cell that passes `max_ah`, the range that a single
+    direction does not reach counts too; two that close reach both ends."""
     gaps_ah = [0.0]
     for sweep in sweeps:
         at_ah = [sweep.start_ah, *sweep.discharged_ah, sweep.end_ah]
@@ -155,7 +158,7 @@ def _directions(tests: Files) -> set[int]:
 
 
 class Started(NamedTuple):
-    """A record's window, where its start is known from, in words, and whether it starts full."""
+    """A record's window, the source of its start in words, and whether it starts full."""
 
     window: Window
     words: str = ""
@@ -163,9 +166,9 @@ class Started(NamedTuple):
 
 
 def started(files: Files, file: CandidateFile, choice: OcvChoice) -> Started:
-    """The window of a record, with its start where another of the files ends that the record goes
-    on from if it does not show its own, and how that is known, in words. Raises `InputError` if
-    neither fits."""
+    """The window of a record and the source of its start, in words; a record that does not
+    determine its own start gets it from the end of the file that it continues. Raises `InputError`
+    if neither works."""
     window = file.window
     prepared = attempt(_prepared, file, window, choice, window.initial_soc == 1.0)
     if isinstance(prepared, InputError):
@@ -184,7 +187,7 @@ def started(files: Files, file: CandidateFile, choice: OcvChoice) -> Started:
             return Started(begun, f", where {before.name} ends")
     if isinstance(prepared, InputError):
         raise prepared
-    # What the record shows is read from it where it is run, as without a plan.
+    # A start within the record is read from it when it is run, as without a plan.
     start = prepared.start
     shown = f", at full: {start.voltage_v:.4f} V" if start.soc_source == "full voltage" else ""
     is_full = window.initial_soc is None and start.soc >= 1 - _FULL
@@ -194,8 +197,8 @@ def started(files: Files, file: CandidateFile, choice: OcvChoice) -> Started:
 def _prepared(
     file: CandidateFile, window: Window, choice: OcvChoice, is_full: bool = False
 ) -> PreparedRecord:
-    """A record made ready to be simulated, as one that starts full or not. Raises `InputError` if
-    it cannot be."""
+    """A record prepared for simulation, as one that starts full or not. Raises `InputError` if that
+    is impossible."""
     capacity_ah = record_capacity_ah(file, window, choice, is_full)
     counted = replace(window, capacity_ah=capacity_ah)
     return prepare_record(file.record, choice.cell, "so-rc", counted)
@@ -217,7 +220,7 @@ def _goes_on(before: CandidateFile, file: CandidateFile, choice: OcvChoice) -> b
 
 def _final_soc(files: Files, file: CandidateFile, choice: OcvChoice) -> float:
     """The state of charge at the end of a file. Raises `InputError` if neither it nor the one
-    before it shows that."""
+    before it determines that."""
     prepared = _prepared(file, started(files, file, choice).window, choice)
     return float(f"{prepared.soc[-1]:.{DIGITS}g}")
 
@@ -225,8 +228,8 @@ def _final_soc(files: Files, file: CandidateFile, choice: OcvChoice) -> float:
 def record_capacity_ah(
     file: CandidateFile, window: Window, choice: OcvChoice, is_full: bool
 ) -> float | None:
-    """The given capacity, else what the record takes out of the full cell, if it starts full, where
-    that is more than the OCV test tells."""
+    """The given capacity, else the charge that the record takes out of the full cell, if it starts
+    full and that exceeds the OCV test's."""
     if window.capacity_ah is not None or not is_full:
         return window.capacity_ah
     discharged_ah = file.record.discharged_ah[first_sample(file.record, window, 0.0) :]

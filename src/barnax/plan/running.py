@@ -1,6 +1,6 @@
-"""A plan run: `identify` given a folder, a plan, or files without an OCV test; and pulse tests.
+"""Running a plan: `identify` for a folder, a plan, or files without an OCV test; and pulse tests.
 
-Pulse tests are made ready to be identified: their own OCV, and where each of them starts.
+Pulse tests are prepared for identification: their own OCV, and the start of each.
 """
 
 import os
@@ -35,9 +35,9 @@ Asked = TypeVar("Asked", bound=Job)
 
 
 def plan_of(job: Job) -> Plan | None:
-    """The plan of what `identify` was asked for, None for the bundled cell.
+    """The plan for a call of `identify`; None for the bundled cell.
 
-    Roles are chosen in a folder, and of files without an OCV test of a cell that is not known; else
+    Roles are chosen in a folder, and for files of an unknown cell without an OCV test; otherwise
     they are given.
     """
     given = listed(job.records)
@@ -55,8 +55,8 @@ def plan_of(job: Job) -> Plan | None:
 
 
 def plan_given(job: Job, command: Literal["identify", "hppc"] = "identify") -> Plan:
-    """The plan of files whose roles are given, with the windows and the capacity that they have in
-    a folder too, and why; without any the bundled cell's.
+    """The plan for files with given roles, with the windows and the capacity that they would have
+    in a folder, and the reasons; without any files the bundled cell's.
 
     Raises `InputError` for a file that cannot be read.
     """
@@ -72,7 +72,7 @@ def plan_given(job: Job, command: Literal["identify", "hppc"] = "identify") -> P
     of_role = {file: role for role, several in looked.items() for file in several}
     for file in of_role:
         if file.refusal:
-            # What the checks alone refuse can be read.
+            # A file rejected only by the checks can be read.
             _ = file.content
     tests = [file for file in looked["OCV test"] if not file.refusal]
     draft, choices = Draft([*of_role], given_ah=job.given_ah), dict[CandidateFile, OcvChoice]()
@@ -87,7 +87,7 @@ def plan_given(job: Job, command: Literal["identify", "hppc"] = "identify") -> P
         draft.take(file, role, suggested.reason + words if is_planned and suggested else "")
     if job.over == OVER_TEMPERATURE:
         draft.tell_temperatures()
-    # One capacity holds for all, so records of several temperatures have none in common.
+    # One capacity applies to all, so records at several temperatures have none in common.
     records = [file for file in looked["identification"] if file in choices]
     are_of_one = len({degc for degc, _ in by_temperature(records)} - {None}) < 2
     is_open = records and are_of_one and job.ocv_capacity is None
@@ -98,7 +98,7 @@ def plan_given(job: Job, command: Literal["identify", "hppc"] = "identify") -> P
 def planned_window(
     record: Source | Record, cell: CellModel, reading: Reading, common: Window
 ) -> Window:
-    """The window of a record to validate on a known cell, with what is known of it."""
+    """The window of a record to validate on a known cell, with the known values for it."""
     (file,) = look({"validation": [record]}, Job(reading=reading, window=common))["validation"]
     draft = Draft([file])
     draft.start_given(file, (), cell)
@@ -106,7 +106,7 @@ def planned_window(
 
 
 def with_choices(made: Plan, job: Job) -> Plan:
-    """A plan with all that was chosen otherwise."""
+    """A plan with all of the user's choices applied."""
     chosen = {name: value for name, value in job.chosen.items() if name in PLANNED}
     return made.changed(job.window, **chosen)
 
@@ -127,7 +127,7 @@ def with_whole_paths(made: Plan, inputs: Sequence[InputPart]) -> Plan:
 
 
 def planned(made: Plan, job: Asked) -> Asked:
-    """The job that a plan is; what was chosen in `job` replaces what the plan has.
+    """The job of a plan; choices in `job` replace the plan's.
 
     Raises `InputError` if a test is missing.
     """
@@ -136,10 +136,10 @@ def planned(made: Plan, job: Asked) -> Asked:
     made = made.changed(job.window, capacity=job.capacity)
     chosen = {name: value for name, value in job.chosen.items() if name != "capacity"}
     job = type(job)(**{**made.options, **chosen})
-    # Windows for names that are not simulated are refused further on.
+    # Windows for names that are not simulated are rejected further on.
     windows = {**windows_by_name(job.window), "": made.window}
     for part in made.parts:
-        # Of an OCV test its temperature counts.
+        # For an OCV test its temperature counts.
         if part.is_simulated or part.window.temperature_degc is not None:
             windows[part.name] = part.window
     records, tests = (_sources(made, role, job) for role in ("identification", "OCV test"))
@@ -178,14 +178,14 @@ def prepare_pulse_tests(job: Asked) -> Asked:
         degcs = (REFERENCE_DEGC if degc is None else degc for degc in at_degc)
         by_degc = group_near(zip(degcs, tests, strict=True))
         if not listed(job.ocv):
-            # A polynomial would swing between ten points, whatever was asked for.
+            # A polynomial would oscillate between ten points, whatever was requested.
             fit: dict[str, Any] = {"ocv_fit": "interpolated"}
             first = {degc: alike[0] for degc, alike in by_degc.items()}
             records = {degc: [record] for degc, (_, record) in first.items()}
             cell = characterize_over_temperature(records, capacity_ah=job.given_ah, **fit)
             ocv = [source for source, _ in first.values()]
             job = job.changed(ocv=ocv, ocv_current_sign=job.current_sign, **fit)
-        # From the rest before the first pulse on, but where something else is chosen.
+        # From the rest before the first pulse on, unless another start is chosen.
         windows = {record.name: _pulse_window(record, cell, chosen) for _, record in tests}
     return job.changed(
         records=[source for source, _ in tests],
@@ -208,8 +208,8 @@ def _pulse_test(record: Record) -> Record:
 def _pulse_window(record: Record, cell: CellModel | None, chosen: Mapping[str, Window]) -> Window:
     """The window of a pulse test, from its first OCV point on, at that point's state of charge.
 
-    Where the OCV is of another record, or `cell` is None, at the end of the rest before the first
-    pulse. What is chosen stays.
+    If the OCV is from another record, or `cell` is None, the window starts at the end of the rest
+    before the first pulse. The user's choices are kept.
     """
     window = window_of(chosen, record.name)
     if window.start_time_s is not None or window.start_after_step is not None:
@@ -226,7 +226,7 @@ def _pulse_window(record: Record, cell: CellModel | None, chosen: Mapping[str, W
     at = int(np.searchsorted(record.row, first.row))
     soc, source = min(max(first.soc, 0.0), 1.0), window.soc_source
     if window.initial_soc is not None:
-        # It is that of the first row.
+        # The SOC is that of the first row.
         capacity_ah = window.capacity_ah or cell.capacity_ah
         soc = window.initial_soc - float(record.discharged_ah[at]) / capacity_ah
         source = "given earlier"

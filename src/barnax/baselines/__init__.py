@@ -1,4 +1,5 @@
-"""Everything that can identify a circuit, population optimizers and others, under one name each."""
+"""Every method that can identify a circuit, population optimizers and others, under one name
+each."""
 
 from collections.abc import Mapping
 from types import MappingProxyType

@@ -1,4 +1,4 @@
-"""What a method is given, and what it answers."""
+"""The input and the answer of a method."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from ..schema import Loss
 
 
 class MethodFailure(Exception):
-    """A method that cannot answer on these data; the message says why, in one sentence."""
+    """A method that cannot answer on these data; the message gives the reason in one sentence."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,13 +39,13 @@ Progress = Callable[[int], None]
 class Budget:
     """The budget of a method.
 
-    Methods without random numbers run once; a method that needs less reports what it spent.
+    Methods without random numbers run once; a method that needs less reports its actual use.
 
     Args:
-        population: Candidates of a generation.
-        iterations: Generations of a run.
+        population: Candidates per generation.
+        iterations: Generations per run.
         seeds: Runs.
-        key: The key of all random numbers.
+        key: Key of all random numbers.
     """
 
     population: int = 30
@@ -63,10 +63,9 @@ class Budget:
 class Method:
     """One way to identify a circuit.
 
-    `run(problem, budget, progress)` gives one answer a seed, or a single one where the method
-    draws nothing; `progress` is called with the number of seeds finished since the last call.
-    It raises `MethodFailure` where there is no answer. `source` says in a line where the method
-    comes from.
+    `run(problem, budget, progress)` gives one answer per seed, or a single one if the method draws
+    nothing; `progress` is called with the number of seeds finished since the last call. It raises
+    `MethodFailure` if there is no answer. `source` is a one-line reference.
     """
 
     name: str
@@ -76,7 +75,7 @@ class Method:
 
 
 def deterministic(name: str, source: str, identify: Callable[[Problem], Answer]) -> Method:
-    """The method whose one answer `identify` gives; it draws nothing and needs no budget."""
+    """The method with the single answer of `identify`; it draws nothing and needs no budget."""
 
     def run(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:
         del budget

@@ -1,4 +1,4 @@
-"""Kalman filters that identify a circuit while it runs: with least squares, and dual."""
+"""Kalman filters that identify a circuit online: with least squares, and dual."""
 
 from functools import partial
 
@@ -14,19 +14,19 @@ from . import regression
 from .method import Answer, MethodFailure, deterministic
 from .regression import FORGETTING, averaged
 
-# What is expected of a circuit in the middle of its box, before it has seen anything.
+# Prior errors of a circuit in the middle of its box, before any data.
 FIRST_ERROR_V = 0.02
-# The start is known from rest; this is what a battery manager would grant it.
+# The start is known from rest; this is the accuracy assumed for a battery manager.
 SOC_SD = 0.01
-# A parameter may be so far from the middle of its box, in logarithms, one standard deviation.
+# Largest prior standard deviation of a parameter from the middle of its box, in logarithms.
 LARGEST_SD = 1.0
 
 
 def middle_of(problem: Problem) -> tuple[CircuitParameters, dict[str, float]]:
     """A circuit in the middle of the box, and each parameter's prior deviation, none if held.
 
-    Time constants stand at equal steps of their logarithm, for two pairs at one place would stay
-    there. Deviations are of the logarithms: a quarter of the box, `LARGEST_SD` at most.
+    Time constants are at equal steps of their logarithm, because two equal pairs would stay equal.
+    Deviations are of the logarithms: a quarter of the box, `LARGEST_SD` at most.
     """
     box, pairs = problem.bounds, problem.bounds.pairs
     shares = np.arange(1, pairs + 1) / (pairs + 1)
@@ -48,12 +48,12 @@ def least_squares_and_filter(problem: Problem) -> Answer:
     """Recursive least squares for the circuit, an extended Kalman filter for its states, in turn.
 
     In the manner of Tan et al. (2021): at every sample the filter moves SOC and the voltages of the
-    pairs by the circuit of the least squares, and these take the open-circuit voltage at the
-    filter's SOC, not at the counter's. The filter has the first circuit of `middle_of` until the
-    regression finds one. What the paper leaves open is taken so: the regression is that of `rls`;
-    the current's noise is a fifth of that below which the cell counts as resting; the measurement
-    noise is the mean square of the innovations so far, forgotten as in `rls`. Answers as `averaged`
-    says. Raises `MethodFailure` if a parameter is held or the filter diverges.
+    pairs with the circuit of the least squares, which use the open-circuit voltage at the filter's
+    SOC, not at the counter's. The filter has the first circuit of `middle_of` until the regression
+    gives one. Choices left open in the paper: the regression is that of `rls`; the current's noise
+    is a fifth of that below which the cell counts as resting; the measurement noise is the mean
+    square of the innovations so far, forgotten as in `rls`. The answer is that of `averaged`.
+    Raises `MethodFailure` if a parameter is held or the filter diverges.
     """
     samples, columns, _ = regression.regression(problem)
     scale = np.maximum(np.sqrt(np.mean(columns**2, axis=0)), np.finfo(float).tiny)
@@ -113,12 +113,12 @@ def drive_time(drive: Drive, index: int) -> str:
 def dual_filter(problem: Problem) -> Answer:
     """Two unscented Kalman filters, of the states and of the circuit, whose noise adapts.
 
-    In the manner of Peng et al. (2021), by `barnax.filters`: two unscented filters side by side,
-    the measurement noise following the residuals with the memory of `rls`. What the paper leaves
-    open is taken so: it starts in the middle of the box (`middle_of`) at the counter's SOC, and
-    parameters are logarithms, so that each sample has a circuit. The filter of the parameters looks
-    one interval ahead, which shows it time constants and slow pairs only faintly. Answers as
-    `averaged` says; a dynamic hysteresis keeps the middle rate. Raises `MethodFailure` if a filter
+    In the manner of Peng et al. (2021), with `barnax.filters`: two unscented filters side by side,
+    the measurement noise following the residuals with the memory of `rls`. Choices left open in the
+    paper: it starts in the middle of the box (`middle_of`) at the counter's SOC, and parameters are
+    logarithms, so that each sample has a circuit. The filter of the parameters looks one interval
+    ahead, so time constants and slow pairs have only a faint effect on it. The answer is that of
+    `averaged`; a dynamic hysteresis keeps the middle rate. Raises `MethodFailure` if a filter
     diverges.
     """
     prepared, (middle, slow_sd) = problem.prepared, middle_of(problem)
@@ -140,7 +140,7 @@ def dual_filter(problem: Problem) -> Answer:
     tau_s = [middle.tau_s[pair - 1] * factor.get(f"tau{pair}", held) for pair in pairs]
     tau_s = np.stack(tau_s, axis=1)
     if problem.bounds.interchangeable_pairs:
-        # They may change places on their way.
+        # Pairs may change order on their way.
         order = np.argsort(tau_s, axis=1)
         r, tau_s = (np.take_along_axis(values, order, axis=1) for values in (r, tau_s))
     r0, scored = middle.r0 * factor.get("R0", held), prepared.scored

@@ -18,9 +18,10 @@ from ..model.problem import Problem
 from ..search.evaluate import evaluate
 from .method import Answer, MethodFailure, deterministic
 
-# Intervals this close to the median, relative to it, are taken as it; a tester's clock jitters.
+# Intervals this close to the median, relative to it, count as equal to it; a tester's clock
+# jitters.
 EVEN = 0.05
-# With fewer scored samples than these, as a share, the answer would be of another record.
+# With a smaller share of the scored samples, the answer would be for another record.
 LEAST_SHARE = 0.5
 # R C is a product, and may miss a bound of tau by its rounding.
 ROUNDING = 1e-9
@@ -28,13 +29,13 @@ ROUNDING = 1e-9
 # constant of a cell. This remembers a thousand samples.
 FORGETTING = 0.999
 SLOW_FORGETTING = 0.9999
-# Of the first guess, in units of each scaled coefficient: nothing is known of it.
+# Variance of the first guess, in units of each scaled coefficient: uninformative.
 VARIANCE = 1e6
 # Samples after which the first guess is forgotten; the answer is averaged from there on.
 MEMORY = round(1 / (1 - FORGETTING))
-# Rows of the past and of the future, for every pair: twice the order is the least that can work.
+# Rows of the past and of the future per pair: twice the order is the least that can work.
 HORIZON = 15
-# Time constants this close together, relative to them, are one pole to rounding.
+# Time constants this close together, relative to them, are one pole within rounding.
 APART = 1e-6
 
 Coefficients = Float[np.ndarray, "... coefficients"]
@@ -44,9 +45,9 @@ Coefficients = Float[np.ndarray, "... coefficients"]
 class EvenSamples:
     """Drop (source minus terminal voltage, in V) and current (in A) on an almost even clock.
 
-    `is_row` says of every sample whether it and the `lags` before it are scored and evenly spaced,
-    so that a difference equation holds there. The current flows in the interval after a sample
-    where `is_forward`, else in the one before.
+    `is_row` is True for samples that, with the `lags` before them, are scored and evenly spaced, so
+    that a difference equation holds there. The current flows in the interval after a sample if
+    `is_forward`, else in the one before.
     """
 
     time_s: Float[np.ndarray, "samples"]
@@ -59,11 +60,11 @@ class EvenSamples:
 
 
 def even_samples(prepared: PreparedRecord, lags: int) -> EvenSamples:
-    """The scored samples of a record, those marked whose `lags` intervals are even.
+    """The scored samples of a record, with those marked whose `lags` intervals are even.
 
     Nothing is resampled: a voltage between samples was not measured, and interpolating it biases
     the poles. Raises `MethodFailure` if too few samples are left, and for a circuit whose source
-    depends on what is identified.
+    depends on identified parameters.
     """
     if prepared.hysteresis_amplitude_v is not None:
         raise MethodFailure(
@@ -102,10 +103,10 @@ def even_samples(prepared: PreparedRecord, lags: int) -> EvenSamples:
 def regression(
     problem: Problem,
 ) -> tuple[EvenSamples, Float[np.ndarray, "rows coefficients"], Float[np.ndarray, "rows"]]:
-    """The samples, and columns and target of the difference equation at all that are rows.
+    """The samples, and columns and target of the difference equation at all valid rows.
 
     The columns belong to a_(n-1), ..., a_0, b_n, ..., b_0. Raises `MethodFailure` if a parameter is
-    held, which a difference equation cannot.
+    held, which a difference equation cannot represent.
     """
     if problem.bounds.fixed:
         held = ", ".join(f"{name} = {value:g}" for name, value in problem.bounds.fixed.items())
@@ -123,7 +124,8 @@ def regression(
 def difference_equation(
     drop_v: Float[np.ndarray, "samples"], current_a: Float[np.ndarray, "samples"], pairs: int
 ) -> tuple[Float[np.ndarray, "rows coefficients"], Float[np.ndarray, "rows"]]:
-    """Columns and target at every sample that has as many before it as there are pairs."""
+    """Columns and target at every sample with at least as many samples before it as there are
+    pairs."""
 
     def differences(values: np.ndarray, order: int) -> np.ndarray:
         return np.diff(values, order)[: len(drop_v) - pairs]
@@ -136,9 +138,9 @@ def difference_equation(
 def circuit_values(
     coefficients: Coefficients, samples: EvenSamples, pairs: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """R0, every pair's R and every pair's tau in s, from fast to slow, at any number of rows.
+    """R0, every pair's R and every pair's tau in s, from fast to slow, for any number of rows.
 
-    NaN where a pole is complex, negative or unstable and so belongs to no time constant.
+    NaN if a pole is complex, negative or unstable and so corresponds to no time constant.
     """
     a, b = coefficients[..., :pairs], coefficients[..., pairs:]
     companion = np.zeros((*a.shape[:-1], pairs, pairs))
@@ -160,7 +162,7 @@ def circuit_values(
 
 
 def circuit_of(r0: float | np.ndarray, r: np.ndarray, tau_s: np.ndarray) -> CircuitParameters:
-    """The circuit of these values. Raises `MethodFailure` if they are no circuit's."""
+    """The circuit with these values. Raises `MethodFailure` if no circuit has them."""
     if not np.all(np.isfinite(np.hstack([r0, r, tau_s]))):
         raise MethodFailure(
             "the difference equation it finds has complex, negative or unstable poles, which are "
@@ -176,7 +178,7 @@ def circuit_of(r0: float | np.ndarray, r: np.ndarray, tau_s: np.ndarray) -> Circ
 
 
 def outside_box(parameters: CircuitParameters, problem: Problem) -> tuple[str, ...]:
-    """A note where parameters lie outside the search box, which a linear method does not know."""
+    """A note if parameters lie outside the search box, which a linear method does not use."""
     values = parameters.to_dict() | parameters.named_tau_s
     outside = ", ".join(
         f"{name} = {values[name]:.4g} ({low:.4g} to {high:.4g})"
@@ -187,7 +189,7 @@ def outside_box(parameters: CircuitParameters, problem: Problem) -> tuple[str, .
 
 
 def answer_of(problem: Problem, parameters: CircuitParameters, notes: tuple[str, ...]) -> Answer:
-    """The one answer of a method that draws nothing and simulates nothing but its answer."""
+    """The one answer of a method that draws nothing and simulates only its answer."""
     rmse_v = evaluate(problem.prepared, parameters).metrics.rmse_v
     notes = (*notes, *outside_box(parameters, problem))
     return Answer(parameters, rmse_v, evaluations=0, notes=notes)
@@ -196,11 +198,11 @@ def answer_of(problem: Problem, parameters: CircuitParameters, notes: tuple[str,
 def least_squares(problem: Problem) -> Answer:
     """The circuit whose difference equation has the least sum of squared equation errors.
 
-    One linear regression, no simulation, and no box. It minimises the error of predicting the next
+    One linear regression, no simulation, and no box. It minimizes the error of predicting the next
     sample from the measured ones before it, not that of a simulation: noise in the regressors
     biases the poles toward fast ones (Ljung, System Identification, 1999, section 7.3), so its RMSE
-    is no least one even where it answers. Raises `MethodFailure` if the equation belongs to no
-    circuit, and where a parameter is held.
+    is not minimal even if it answers. Raises `MethodFailure` if the equation corresponds to no
+    circuit, or a parameter is held.
     """
     samples, columns, target = regression(problem)
     # Columns in volts, amperes and their differences span many decades.
@@ -225,10 +227,10 @@ def recursive_least_squares(problem: Problem, *, poles: float, gains: float) -> 
     1054, use it for a second-order RC circuit; the first guess is zero, and `poles` and `gains` are
     the forgetting factors of a and b. `rls` has one for all. `wrls` is the weighted recursive least
     squares of Verbrugge and Koch (2006), whose parameters each have a time weighting: the variance
-    is divided by the root of both coefficients' factors (Saelid and Foss, 1983). Their factors
-    belong to another circuit, so ours are taken: the poles are forgotten ten times as slowly, for
-    the time constants of a cell change less than its resistances. Answers as `averaged` says; the
-    bias of `ls` is its bias too. Raises `MethodFailure` if a parameter is held.
+    is divided by the root of both coefficients' factors (Saelid and Foss, 1983). Their factors are
+    for another circuit, so ours are used: the poles are forgotten ten times as slowly, because the
+    time constants of a cell change less than its resistances. The answer is that of `averaged`; it
+    has the same bias as `ls`. Raises `MethodFailure` if a parameter is held.
     """
     samples, columns, target = regression(problem)
     pairs = problem.bounds.pairs
@@ -247,9 +249,9 @@ def averaged(
 ) -> Answer:
     """The answer of an online method: medians over time of R0, every pair's R and every tau.
 
-    Counted are the rows from the one on at which the first guess is forgotten (or half of a shorter
-    record), where the values are a circuit's; noise can make those few, and a note says how many.
-    Raises `MethodFailure` if there are none.
+    Rows count from when the first guess is forgotten (or from half of a shorter record) if their
+    values are those of a circuit; noise can make these few, and a note gives their number. Raises
+    `MethodFailure` if there are none.
     """
     r0, r, tau_s = tracked
     is_circuit = np.isfinite(r0) & (r0 > 0) & np.all(np.isfinite(r) & (r > 0), axis=1)
@@ -281,13 +283,13 @@ def update(state, row, forgetting):
     gain = seen / (1 + regressor @ seen)
     coefficients = coefficients + gain * (value - regressor @ coefficients)
     variance = variance - gain[:, None] * seen
-    # Rounding would let it lose its symmetry, and then its sign.
+    # Rounding would make it asymmetric, and then indefinite.
     return coefficients, (variance + variance.T) / 2
 
 
 @jax.jit
 def _track(columns, target, factors):
-    """Coefficients after every row; every one is forgotten by its own factor."""
+    """Coefficients after every row; each has its own forgetting factor."""
     size = columns.shape[1]
     forgetting = jnp.sqrt(factors[:, None] * factors[None, :])
 
@@ -319,11 +321,11 @@ def subspace_method(problem: Problem) -> Answer:
     of MOESP: current and drop (source minus terminal voltage) in block rows of the past and the
     future, the future drops projected along the future currents onto the past, and the poles from
     the shift of the leading singular vectors, as many as there are pairs. With the poles the
-    resistances are those of least squares over the record, inside the box. As in Li et
-    al. (2016), whose reference number 19 Li et al. (2023) give for it, the order is that of the
-    circuit; `HORIZON` block rows a pair are ours. Poles that are complex, negative or unstable
-    belong to no circuit: raises `MethodFailure`, also for an uneven clock, for a current that never
-    changes, for a record too short for the block rows, and for a box too wide to compress.
+    resistances are those of least squares over the record, inside the box. As in Li et al. (2016),
+    cited for it as reference 19 of Li et al. (2023), the order is that of the circuit; `HORIZON`
+    block rows per pair are ours. Poles that are complex, negative or unstable correspond to no
+    circuit: raises `MethodFailure`, also for an uneven clock, for a current that never changes, for
+    a record too short for the block rows, and for a box too wide to compress.
     """
     if not problem.is_compressible:
         raise MethodFailure("the box of time constants is too wide for it; narrow the bounds")
@@ -366,9 +368,9 @@ def state_matrix(
     rows: int,
     order: int,
 ) -> Float[np.ndarray, "order order"]:
-    """The state matrix, up to a change of basis, of a system of one input and one output.
+    """The state matrix, up to a change of basis, of a system with one input and one output.
 
-    `is_row` says of every sample whether it and the 2 `rows` - 1 before it can be used.
+    `is_row` is True for samples that can be used together with the 2 `rows` - 1 before them.
     """
     windows = np.lib.stride_tricks.sliding_window_view
     use = np.flatnonzero(is_row) - (2 * rows - 1)

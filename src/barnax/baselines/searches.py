@@ -26,15 +26,15 @@ from .method import (
     latin_hypercube,
 )
 
-# Starts a seed, fewer where the budget does not hold as many.
+# Starts per seed, fewer if the budget is too small.
 STARTS = 10
 
 
 def population_method(name: str) -> Method:
-    """The method that is the optimizer registered as `name`, unrefined.
+    """The method that runs the optimizer registered as `name`, unrefined.
 
-    It runs for as many generations as the budget holds: an optimizer that evaluates more
-    candidates in one runs for fewer.
+    It runs for as many generations as the budget allows: an optimizer that evaluates more
+    candidates per generation runs for fewer.
     """
 
     def search(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:
@@ -61,11 +61,11 @@ def _search(
 
 @in_float64
 def multistart(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:
-    """The best of `STARTS` descents a seed (Marquardt, J. Soc. Ind. Appl. Math. 11 (1963) 431).
+    """The best of `STARTS` descents per seed (Marquardt, J. Soc. Ind. Appl. Math. 11 (1963) 431).
 
     Starts are a Latin hypercube in the logarithms of the box; each descends in at most 50 steps.
-    As many starts are made as the budget could hold if each took all its steps, so the evaluations
-    spent are fewer.
+    Their number is what the budget allows if each takes all its steps, so fewer evaluations are
+    used.
     """
     starts = max(1, min(STARTS, budget.evaluations // _dearest(problem)))
     box = problem.log_coordinates
@@ -91,7 +91,7 @@ def _dearest(problem: Problem) -> int:
 
 
 def best_of(ends: list[RefinedSeed], spent: int = 0) -> Answer:
-    """The best of some descents, with what all of them and the search before them cost."""
+    """The best of the descents, with the cost of all of them and of the search before them."""
     best = min(ends, key=lambda end: end.rmse_v if math.isfinite(end.rmse_v) else math.inf)
     evaluations = spent + sum(end.evaluations for end in ends)
     return Answer(best.parameters, best.rmse_v, evaluations)
@@ -108,8 +108,8 @@ LM = Method(
 def swarm_then_descent(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]:
     """Levenberg-Marquardt from a particle swarm's best (Shen and Li, Energies 10 (2017) 432).
 
-    The swarm has the budget less what one descent of at most 50 steps could cost. Their circuit
-    is another; the two scales are theirs.
+    The swarm has the budget less the largest cost of one descent of at most 50 steps. Their circuit
+    differs; the two scales are theirs.
     """
     iterations = (budget.evaluations - _dearest(problem)) // budget.population - 1
     if iterations < 1:
@@ -140,9 +140,9 @@ def evolve(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]
     Optim. 11 (1997) 341).
 
     SciPy's defaults (best1bin, dithered mutation 0.5 to 1, crossover 0.7), in the search
-    coordinates and box of all others, over our compiled RMSE; no polish, and no stop before the
-    budget is spent but where the whole population has come to one error. Raises `MethodFailure`
-    for a population under `FEWEST`.
+    coordinates and box of all others, with our compiled RMSE; no polish, and no stop before the
+    budget is spent unless the whole population has one error. Raises `MethodFailure` for a
+    population under `FEWEST`.
     """
     box = problem.coordinates
     if budget.population < FEWEST:
@@ -162,7 +162,7 @@ def evolve(problem: Problem, budget: Budget, progress: Progress) -> list[Answer]
             rmse_v = np.asarray(compiled(jnp.asarray(points.T), problem.objective))
             return np.where(np.isfinite(rmse_v), rmse_v, np.inf)
 
-        # SciPy's types know of names only.
+        # SciPy's types only accept names.
         start: Any = latin_hypercube(generator, budget.population, box)
         end = differential_evolution(
             errors,
@@ -204,8 +204,8 @@ def variable_projection(problem: Problem) -> Answer:
     At each set of time constants the resistances are the exact optimum of a bounded linear
     least-squares problem. The outer search is that of the global optimum without its proof: a grid
     over the ordered time constants, evenly spaced in ln tau, whose local minima are polished; a
-    dynamic hysteresis adds ln gamma to the search. It draws nothing, and simulates nothing but its
-    answer. Raises `MethodFailure` if the box is too wide to compress.
+    dynamic hysteresis adds ln gamma to the search. It draws nothing, and simulates only its answer.
+    Raises `MethodFailure` if the box is too wide to compress.
     """
     if not problem.is_compressible:
         raise MethodFailure("the box of time constants is too wide for it; narrow the bounds")

@@ -1,5 +1,5 @@
-"""`comparison.json`: what a comparison found, errors by state of charge, and whether a difference
-between two rows is more than chance."""
+"""`comparison.json`: the results of a comparison, errors by state of charge, and whether a
+difference between two rows is more than chance."""
 
 import math
 from dataclasses import dataclass
@@ -23,12 +23,12 @@ from ..search.evaluate import Evaluation
 from ..uncertainty.assessment import Band, soc_bands
 
 REPLICATES = 1000
-# Rows of drawn blocks held at a time, in blocks.
+# Rows of drawn blocks in memory at a time, in blocks.
 _HELD = 2_000_000
 
 
 def block_length(series: Float[np.ndarray, "samples"]) -> tuple[int, bool]:
-    """Samples a block, and whether the rule's cap decided it.
+    """Samples per block, and whether the rule's cap decided it.
 
     The automatic rule of Politis and White, Econometric Reviews 23 (2004) 53, with the correction
     of Patton, Politis and White, 28 (2009) 372, for blocks of fixed length: autocovariances are
@@ -54,7 +54,7 @@ def block_length(series: Float[np.ndarray, "samples"]) -> tuple[int, bool]:
     if level == 0:
         return cap, True
     length = max(1, math.ceil((1.5 * (slope / level) ** 2 * samples) ** (1 / 3)))
-    # Without an end to the correlation the sums above are cut short, and so is the length.
+    # If the correlation does not end, the sums above are truncated, and so is the length.
     return min(length, cap), length > cap or not len(starts)
 
 
@@ -63,8 +63,8 @@ def resampled_means(
 ) -> Float[np.ndarray, "series replicates"]:
     """Means of all series over the same randomly drawn blocks (Kuensch, 1989).
 
-    Blocks overlap, and as many are drawn as cover the series. It is closed to a circle (Politis
-    and Romano, 1992): else its two ends, where models err most, are drawn least.
+    Blocks overlap, and as many are drawn as cover the series. It is closed to a circle (Politis and
+    Romano, 1992): otherwise its two ends, where models err most, would be drawn least.
     """
     samples = series.shape[1]
     closed = np.concatenate([np.zeros((len(series), 1)), series, series[:, : length - 1]], axis=1)
@@ -90,7 +90,7 @@ def _autocovariance(series: Float[np.ndarray, "samples"], lags: int) -> np.ndarr
 
 Samples = Float[np.ndarray, "samples"]
 
-# Edges of bands of SOC: the paper's own errors sit below 0.2.
+# Edges of bands of SOC: the paper's own errors are below 0.2.
 SOC_EDGES = np.array([0.0, 0.1, 0.2, 1.0])
 
 
@@ -98,11 +98,11 @@ SOC_EDGES = np.array([0.0, 0.1, 0.2, 1.0])
 class Resampled:
     """Two rows' errors over time, with 95 % intervals of a moving-block bootstrap.
 
-    `difference_v2` is the mean of the first row's squared errors minus the second's;
-    `difference_v` the same as a difference of RMSE. Negative: the first row is better. Where
-    `is_block_capped`, the errors' autocorrelation outlasts the longest block that the rule allows,
-    and the intervals are narrower than they should be. `is_real` says that the interval leaves
-    out zero, and that the two RMSE are not one by `SAME_RMSE`.
+    `difference_v2` is the mean of the first row's squared errors minus the second's; `difference_v`
+    the same as a difference of RMSE. Negative: the first row is better. If `is_block_capped`, the
+    errors' autocorrelation outlasts the longest block that the rule allows, and the intervals are
+    too narrow. `is_real` is True if the interval excludes zero, and the two RMSE differ by more
+    than `SAME_RMSE`.
     """
 
     difference_v2: float
@@ -118,10 +118,9 @@ class Resampled:
 class SeedPairs:
     """Two rows' RMSE paired seed by seed, in V; negative: the first row is better.
 
-    `wins` counts the seeds where the first row is better by more than `SAME_RMSE`, `losses` where
-    the second is.
-    `p_value` is that of Wilcoxon's signed-rank test (Biometrics Bulletin 1 (1945) 80),
-    two-sided; 1 where no seed differs.
+    `wins` counts the seeds with the first row better by more than `SAME_RMSE`, `losses` those with
+    the second better. `p_value` is that of Wilcoxon's signed-rank test (Biometrics Bulletin 1
+    (1945) 80), two-sided; 1 if no seed differs.
     """
 
     median_v: float
@@ -134,8 +133,8 @@ def compare_over_time(first_error_v: Samples, second_error_v: Samples, seed: int
     """Two rows' errors at the same samples, resampled in blocks (Kuensch, Ann. Stat. 17 (1989)
     1217).
 
-    The block length is the one that suits the difference of their squared errors; `seed` is
-    where the resampling begins to draw. The interval is that of the percentiles.
+    The block length is the one for the difference of their squared errors; `seed` is the random
+    seed of the resampling. The interval is that of the percentiles.
     """
     squares = np.stack([first_error_v**2, second_error_v**2])
     length, is_capped = block_length(squares[0] - squares[1])
@@ -160,9 +159,9 @@ def compare_over_time(first_error_v: Samples, second_error_v: Samples, seed: int
 def compare_over_seeds(
     first_v: Float[np.ndarray, "..."], second_v: Float[np.ndarray, "..."]
 ) -> SeedPairs | None:
-    """Two rows' RMSE in V, seed by seed; one value alone stands beside every seed.
+    """Two rows' RMSE in V, seed by seed; a single value is paired with every seed.
 
-    None if neither row has seeds to pair, and where their numbers differ.
+    None if neither row has seeds to pair, or their numbers differ.
 
     >>> compare_over_seeds(np.array([1.0, 2.0]), np.array([3.0])).wins
     2
@@ -187,13 +186,13 @@ def compare_over_seeds(
 def _differ(
     first_v: Float[np.ndarray, "..."] | float, second_v: Float[np.ndarray, "..."] | float
 ) -> Any:
-    """True where two RMSE differ, rounding and unfinished descents aside."""
+    """True where two RMSE differ, apart from rounding and unfinished descents."""
     return np.abs(first_v - second_v) > SAME_RMSE * np.minimum(first_v, second_v)
 
 
 @dataclass(frozen=True)
 class RecordErrors:
-    """Errors of a row's answer on one record, in all and by SOC."""
+    """Errors of a row's answer on one record, overall and by SOC."""
 
     metrics: Metrics
     bands: tuple[Band, ...]
@@ -208,22 +207,22 @@ class RecordErrors:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Row(Brief):
-    """One method on one model. Everything but `refined` is of the method's own answers.
+    """One method on one model. Everything except `refined` refers to the method's own answers.
 
     Attributes:
         model: Name of the circuit.
         method: One of `METHODS`.
-        source: Where the method comes from.
+        source: Source of the method.
         is_deterministic: True for a method that draws nothing.
-        answers: One a seed, a single one where the method draws nothing, and none where it failed.
-        failure: Why there is no answer.
-        errors: Those of the median seed on the identification record, then on each validation
+        answers: One per seed, a single one if the method draws nothing, and none if it failed.
+        failure: Reason why there is no answer.
+        errors: Errors of the median seed on the identification record, then on each validation
             record.
         at_bound: Its parameters that are at an end of the box.
-        refined: What Levenberg-Marquardt makes of it.
+        refined: Its refinement by Levenberg-Marquardt.
         optimality_gap: Its RMSE over the global optimum's, minus one.
-        problem: What was identified; None of a stored row.
-        evaluations: What `errors` are of; none likewise.
+        problem: The problem; None for a stored row.
+        evaluations: Evaluations behind `errors`; None for a stored row.
     """
 
     model: str
@@ -245,7 +244,7 @@ class Row(Brief):
 
     @property
     def median(self) -> Answer:
-        """The seed whose RMSE is the median; of an even number, the better of the middle two."""
+        """The seed whose RMSE is the median; for an even number, the better of the middle two."""
         ranked = sorted(self.answers, key=lambda answer: answer.rmse_v)
         return ranked[(len(ranked) - 1) // 2]
 
@@ -256,8 +255,8 @@ class Row(Brief):
 
     @property
     def spread_v(self) -> tuple[float, float, float] | None:
-        """The best and the worst RMSE of the seeds and their standard deviation, in V; None of a
-        method that draws nothing. A seed that failed altogether is infinitely far away."""
+        """The best and the worst RMSE of the seeds and their standard deviation, in V; None for a
+        method that draws nothing. A failed seed counts as infinite."""
         if self.is_deterministic:
             return None
         errors_v = self.errors_v
@@ -271,9 +270,9 @@ class Row(Brief):
 class Difference:
     """The error of one row minus another's, on one record, and whether it is more than chance.
 
-    `first` and `second` are row names. `over_time` resamples blocks of samples; `over_seeds`
-    pairs the seeds on the identification record, and is None elsewhere and where neither row
-    draws anything.
+    `first` and `second` are row names. `over_time` resamples blocks of samples; `over_seeds` pairs
+    the seeds on the identification record, and is None on other records and if neither row draws
+    anything.
     """
 
     first: str
@@ -285,7 +284,7 @@ class Difference:
 
 
 class ModelPart(Part):
-    """The search box of one model, and its global optimum where that is known."""
+    """The search box of one model, and its global optimum if that is known."""
 
     bounds: dict[str, tuple[float, float]]
     fixed: Parameters
@@ -303,13 +302,13 @@ class ComparisonResult(Document):
         differences: Differences between rows, and their significance.
         candidates: The usual circuits, each the best of its kind, and tables over SOC.
         models: Box and global optimum of each model.
-        budget: What every method could spend.
+        budget: The budget of every method.
         coordinates: Search coordinates: "rc", or logarithms of R and tau.
         objective: How errors were computed: by "scan" or "compressed".
         cell: OCV, hysteresis voltage and capacity.
-        inputs: Every file, with its digest and what was decided about it.
-        warnings: What is doubtful, with what to do.
-        versions: Versions of barnax and of what it computes with.
+        inputs: Every file, with its digest and the decisions about it.
+        warnings: Doubtful results, each with a remedy.
+        versions: Versions of barnax and of its numerical packages.
     """
 
     schema_version: Literal[8] = 8

@@ -47,11 +47,11 @@ PAPER_ROWS = (
     ("iso-rc", "bmo"),
     ("iso-rc", "ibmo"),
 )
-# What is watched beside the rows, which are by their names.
+# Stages of progress in addition to the rows, which have their names.
 REFINEMENT, OPTIMA, DIFFERENCES = "refinement", "global optima", "differences"
 
 
-# Options of one circuit, or of its tables.
+# Options of a single circuit, or of its tables.
 _OF_ONE = {*vars(TableOptions()), *("model", "method", "over", "trust", "cell", "tables")}
 
 
@@ -85,13 +85,13 @@ def compare(
 ) -> ComparisonResult:
     """Several circuits and methods compared on the same data, box, budget and key.
 
-    A method that fails has a row that says why.
+    A method that fails has a row with the reason.
 
     Args:
         record: The record to identify on.
         cell: A cell from `characterize`.
-        job: The rows, and of the options of `identify` those of the search and of windows. Bounds
-            and fixed values are for the circuits that have such a parameter; `watch` is called
+        job: The rows, and from the options of `identify` those of the search and of windows. Bounds
+            and fixed values apply to the circuits that have such a parameter; `watch` is called
             with the name of every row.
         validation: Records to validate on.
 
@@ -114,7 +114,7 @@ def compare(
             coordinates=job.coordinates, objective=objective, source=job.ranges.source,
         )  # fmt: skip
 
-    # All have the OCV that the first model's circuit finds at rest.
+    # All use the rest OCV from the first model's circuit.
     cell = without_sweep_drop(make(models[0], cell)).cell
     problems = {model: with_better_directions(make(model, cell)) for model in models}
     others = [(other, window_of(job.window, other.name)) for other in validation]
@@ -132,7 +132,7 @@ def compare(
 def _result(
     problems: Mapping[str, Problem], answered: Sequence[Row], budget: Budget, watch: Watch
 ) -> ComparisonResult:
-    """The result of rows that are answered: refined, beside the global optima, and compared."""
+    """The result of answered rows: refined, with the global optima, and compared."""
     with watch(OPTIMA):
         optima = {model: optimum_or_none(problem) for model, problem in problems.items()}
     with watch(REFINEMENT):
@@ -199,8 +199,8 @@ def _run(
 
 
 def _refine(rows: Sequence[Row], optima: Mapping[str, GlobalOptimum | None]) -> list[Row]:
-    """The rows with what Levenberg-Marquardt makes of each median seed, model by model, and how far
-    above the global optimum that seed is."""
+    """The rows with the Levenberg-Marquardt refinement of each median seed, model by model, and the
+    distance of that seed from the global optimum."""
     done = {row.name: row for row in rows}
     for model in dict.fromkeys(row.model for row in rows):
         here = [row for row in rows if row.model == model and row.failure is None]

@@ -18,8 +18,8 @@ from .verification import pulse_profile as pulse_profile
 from .verification import require_package as require_package
 from .verification import verify as verify
 
-# A new target is a function and one entry here: its name, a line about it, its usual file, and the
-# package that runs it, if there is one.
+# A new target is a function and one entry here: its name, a one-line description, its usual file,
+# and the package that runs it, if there is one.
 _ALL = (
     Exporter(
         "pybamm", "Python module: parameter values of PyBaMM's Thevenin model", "barnax_pybamm.py",
@@ -51,7 +51,7 @@ EXPORTERS: Mapping[str, Exporter] = MappingProxyType({exporter.name: exporter fo
 
 
 def get_exporter(name: str) -> Exporter:
-    """The exporter registered as `name`. Raises `InputError` that lists the names, or those near.
+    """The exporter registered as `name`. Raises `InputError` that lists the names, or similar ones.
 
     Args:
         name: One of `EXPORTERS`.

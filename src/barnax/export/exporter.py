@@ -27,8 +27,8 @@ class Export(NamedTuple):
 
     Attributes:
         content: The file's bytes.
-        caveats: Sentences about what the tool cannot hold, and what it asks for that a result does
-            not have.
+        caveats: Sentences on what the tool cannot represent, and on inputs that it needs and a
+            result does not have.
     """
 
     content: bytes
@@ -37,8 +37,8 @@ class Export(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class HeldLoad:
-    """A current to simulate, discharge positive, each held until the next time; cells at rest, at
-    one temperature."""
+    """A current to simulate, discharge positive, each value held until the next time; cells at
+    rest, at one temperature."""
 
     time_s: Float[np.ndarray, "samples"]
     current_a: Float[np.ndarray, "samples"]
@@ -55,13 +55,13 @@ class Exporter:
 
     Attributes:
         name: The target, such as "pybamm".
-        description: One line about it.
+        description: One-line description.
         file_name: The usual name of its file.
         write: Makes an export of a result. It is pure: equal results give equal bytes.
         package: The Python package that runs it, if there is one.
-        simulate: The voltage at every sample of a profile by that package, from the exported
-            content.
-        starts_within: Whether that package starts no cell beyond full or empty.
+        simulate: Simulation in that package: the voltage at every sample of a profile, from the
+            exported content.
+        starts_within: True if that package starts no cell beyond full or empty.
     """
 
     name: str
@@ -101,7 +101,7 @@ def _templates() -> Environment:
 
 
 def listed(values: Iterable[float], form: str = "g") -> str:
-    """Numbers with commas between.
+    """Numbers separated by commas.
 
     >>> listed([0.1, 25.0])
     '0.1, 25'
@@ -120,7 +120,7 @@ def numbers(values: Iterable[float], indent: int = 4) -> str:
 
 
 def python_array(values: Iterable) -> str:
-    """NumPy's array of one row, or of several."""
+    """A NumPy array of one row, or of several."""
     array = np.asarray(values)
     if array.ndim == 1:
         return f"np.array([\n{numbers(array)}\n])"

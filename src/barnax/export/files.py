@@ -1,7 +1,7 @@
 """Exports that are plain files: C headers, CSV, JSON, and a `.mat` file for Simscape.
 
 The C filter is the sum of `barnax.filters` with "joint" offset and capacity: no allocation, one
-structure, single or double precision by one definition.
+structure, single or double precision set by one definition.
 """
 
 import io
@@ -35,12 +35,12 @@ from ..results import Result
 from .exporter import Export, caveats_of, from_template, note_lines
 from .tables import Tables, VoltageTable, tables_of
 
-# How C programs know a hysteresis.
+# Codes of the hysteresis kinds in C programs.
 HYSTERESIS = {"none": 0, "instant": 1, "dynamic": 2, "loops": 3}
 
 
 def write_c_header(result: Result) -> Export:
-    """The header's source, in C89: all that simulates the circuit as barnax does.
+    """The header's source, in C89: everything needed to simulate the circuit as barnax does.
 
     Pairs start without voltage. Tables follow the curves within `TOLERANCE_V`.
     """
@@ -64,8 +64,8 @@ def write_c_filter(result: Result) -> Export:
         others = [other for other in measured_degc if other != degc]
         caveats = caveats_of("c_filter", degc, others)
     tables, model = tables_of(result, may_remember=True), model_of(result, (OFFSET, CAPACITY))
-    # Columns that change with SOC are a table, all others constants. The table counts from its
-    # middle: in single precision a flat OCV's slope would be lost in its volts.
+    # Columns that change with SOC are a table, all others constants. Table values are relative to
+    # the middle: in single precision a flat OCV's slope would be lost in its volts.
     table = np.asarray(model.table)
     varies = np.ptp(table, axis=0) > 0
     middle = np.median(table, axis=0)
@@ -84,10 +84,10 @@ def write_c_filter(result: Result) -> Export:
 
 
 def write_csv(result: Result) -> Export:
-    """The table. `OCV(0.5)`, `W(0.5)`, `R0(0.5)` are the curves at a SOC, to be read linearly;
-    `R0(0.5, 25.0)` is at a temperature in degC too.
+    """The table. `OCV(0.5)`, `W(0.5)`, `R0(0.5)` are points of the curves over SOC, for linear
+    interpolation; `R0(0.5, 25.0)` is at a temperature in degC too.
 
-    The hysteresis starts in the initial direction; below the rest current it keeps its own.
+    The hysteresis starts in the initial direction, and keeps its direction below the rest current.
     """
     tables = tables_of(result)
     rows = ((name, repr(value), unit) for name, value, unit in _rows(tables, result))
@@ -95,8 +95,8 @@ def write_csv(result: Result) -> Export:
 
 
 def write_xlsx(result: Result) -> Export:
-    """A workbook: the parameters as `csv` has them, notes, and the OCV over SOC of a cell that was
-    discharged and of one that was charged."""
+    """A workbook: the parameters as in `csv`, notes, and the OCV over SOC of a discharged and of a
+    charged cell."""
     tables = tables_of(result)
     soc, ocv_v = tables.ocv.soc, tables.ocv.voltage_v
     half_v = 0 * soc if tables.hysteresis is None else tables.hysteresis(soc) / 2
@@ -109,7 +109,7 @@ def write_xlsx(result: Result) -> Export:
         "notes": [(text,) for text in (tables.heading, *tables.caveats)],
     }
     content = io.BytesIO()
-    # A text is no formula, whatever it begins with; and equal results are equal bytes.
+    # Text is never a formula, whatever its first character; and equal results give equal bytes.
     with Workbook(content, {"in_memory": True, "strings_to_formulas": False}) as workbook:
         workbook.set_properties({"created": datetime(2000, 1, 1, tzinfo=UTC)})
         for name, rows in sheets.items():
@@ -156,7 +156,8 @@ def _means(result: Result) -> Iterator[tuple[str, float, str]]:
 
 
 def _beside(result: Result) -> Iterator[tuple[str, float, str]]:
-    """The numbers of what resistances follow beside SOC, and what those given are then."""
+    """The numbers of the resistance law, and the conditions to which the given resistances
+    apply."""
     for degc, fit in result.fits.by_degc:
         law = fit.tables.dependence
         where = "" if degc is None else f", {degc:.4g} degC"
@@ -169,7 +170,7 @@ def _beside(result: Result) -> Iterator[tuple[str, float, str]]:
 def _points(
     name: str, soc: np.ndarray, values: np.ndarray, unit: str, degc: Sequence[float] | None = None
 ) -> Iterator[tuple[str, float, str]]:
-    """A row a point, at each temperature in turn where there are several."""
+    """A row per point, at each temperature in turn if there are several."""
     where_at = [""] if degc is None else [f", {each!r}" for each in degc]
     for where, row in zip(where_at, np.atleast_2d(values).tolist(), strict=True):
         for at, value in zip(soc.tolist(), row, strict=True):
@@ -177,9 +178,8 @@ def _points(
 
 
 def write_json(result: Result) -> Export:
-    """One object of plain numbers and lists: what is a list stands over its SOC, and a list of
-    lists over temperature and SOC. One temperature is that of the first record, null if it is not
-    known."""
+    """One object of plain numbers and lists: a list is over its SOC, and a list of lists over
+    temperature and SOC. A single temperature is that of the first record, null if it is unknown."""
     tables = tables_of(result)
     content: dict[str, object] = {
         "notes": [tables.heading, *tables.caveats],
@@ -206,16 +206,16 @@ def _listed(table: VoltageTable) -> dict[str, list]:
 
 
 HEADER_BYTES = 116
-# Of Battery (Table-Based), `prm_dyn` from rc1 on.
+# For Battery (Table-Based), `prm_dyn` from rc1 on.
 MAX_SIMSCAPE_PAIRS = 5
 HEADER = b"MATLAB 5.0 MAT-file, written by barnax"
 
 
 def write_simscape(result: Result) -> Export:
-    """The .mat file (MATLAB 5), with what two blocks ask for.
+    """The .mat file (MATLAB 5), with the parameters of two blocks.
 
-    Variables as Battery (Table-Based) calls its parameters; and, as one structure,
-    `BatteryEquivalentCircuit` with the fields that the block of that name asks for.
+    Variables named like the parameters of Battery (Table-Based); and, as one structure,
+    `BatteryEquivalentCircuit` with the fields of the block of that name.
     """
     tables = tables_of(result)
     if tables.pairs > MAX_SIMSCAPE_PAIRS:
@@ -231,13 +231,13 @@ def write_simscape(result: Result) -> Export:
     caveats = tables.caveats + caveats_of("simscape", tables, inner.all())
 
     def over(points: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """A resistance read at some SOC, a column a temperature where there are several."""
+        """A resistance at the given SOC, with a column per temperature if there are several."""
         rows = np.atleast_2d(values)
         read = [np.interp(points, nodes, np.broadcast_to(row, len(nodes))) for row in rows]
         return np.array(read).T if degc is not None else read[0]
 
     inside = np.unique(np.clip(nodes, 0.0, 1.0))
-    # The blocks call what is tabulated over temperature by names of their own.
+    # The blocks have separate names for parameters tabulated over temperature.
     kind, thermal = ("vec", "") if degc is None else ("mat", "Thermal")
     ocv_v = tables.ocv_v[..., inner].T
     table_based: dict[str, object] = {"SOC_vec": soc, f"V0_{kind}": ocv_v}
@@ -269,7 +269,7 @@ def write_simscape(result: Result) -> Export:
     }
     file = io.BytesIO()
     savemat(file, variables, oned_as="row", long_field_names=degc is not None)
-    # SciPy writes the date there; equal results are to give equal bytes.
+    # SciPy writes the date there; equal results must give equal bytes.
     file.seek(0)
     file.write(HEADER.ljust(HEADER_BYTES))
     return Export(file.getvalue(), caveats)

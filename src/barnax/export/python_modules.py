@@ -1,12 +1,12 @@
 """Exports that are Python modules: for PyBaMM's Thevenin model, and for NREL's thevenin.
 
-Whether the exported circuit is the one that was identified, a simulation of both tells.
+A simulation of both verifies that the exported circuit is the identified one.
 
 PyBaMM: names and signatures are those of its own set `ECM_Example` and of `pybamm.EcmParameters`
 (PyBaMM 26.10). The sign of current is ours.
 
 thevenin: keys and signatures are those of `thevenin.Simulation` and `thevenin.Prediction` (thevenin
-0.2). The package relaxes the hysteresis voltage itself toward M_hyst(soc), Plett (2004), where
+0.2). The package relaxes the hysteresis voltage itself toward M_hyst(soc), Plett (2004), while
 barnax relaxes the share of it: they differ by about the slope of M_hyst over gamma.
 """
 
@@ -22,18 +22,18 @@ from ..results import Result
 from .exporter import INSTANT_RATE, Export, HeldLoad, caveats_of, from_template
 from .tables import Tables, tables_of
 
-# A result has no cut-off voltages; these stop no simulation of the cell.
+# A result has no cut-off voltages; these do not stop any simulation of the cell.
 CUTOFF_MARGIN_V = 1.0
-# PyBaMM refuses to start where one of its events is already met.
+# PyBaMM refuses to start if one of its events is already met.
 NEAREST_TO_LIMIT = 1e-6
-# The time a current takes to jump between two samples, far below any time constant.
+# Duration of a current jump between two samples, far below any time constant.
 JUMP_S = 1e-6
-# Tools that ask for a capacitance divide by the resistance; this much is none.
+# Tools with a capacitance as input divide by the resistance; this value counts as zero.
 LEAST_OHM = 1e-9
 
 
 def _module(package: str, getter: str, tables: Tables, **values: Any) -> Export:
-    """The module for a package, whose function `getter` gives the parameters."""
+    """The module for a package, whose function `getter` returns the parameters."""
     is_over_temperature = tables.degc is not None
     return from_template(
         f"barnax_{package}.py.jinja",
@@ -69,8 +69,8 @@ def simulate_pybamm(content: bytes, profile: HeldLoad) -> Float[np.ndarray, "sam
     """PyBaMM's terminal voltage in V, from an exported module."""
     pybamm = importlib.import_module("pybamm")
     module, values = _loaded(content, "get_parameter_values", profile)
-    # PyBaMM interpolates a current linearly; two points at every jump make it hold instead, and
-    # its solver restarts at each of them.
+    # PyBaMM interpolates a current linearly; two points at every jump make it a step, and its
+    # solver restarts at each of them.
     before_s = profile.time_s[1:] - JUMP_S
     time_s = np.insert(profile.time_s, np.arange(1, len(profile.time_s)), before_s)
     current_a = np.repeat(profile.current_a, 2)[:-1]
@@ -117,6 +117,6 @@ def simulate_thevenin(content: bytes, profile: HeldLoad) -> Float[np.ndarray, "s
     voltages_v = [voltage_v(current_a[0])]
     for sample, interval_s in enumerate(np.diff(profile.time_s).tolist()):
         state = model.take_step(state, current_a[sample], interval_s)
-        # A step's own voltage is that before the current jumps.
+        # The voltage of a step is that before the current jumps.
         voltages_v.append(voltage_v(current_a[sample + 1]))
     return np.array(voltages_v)

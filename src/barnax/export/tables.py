@@ -1,4 +1,5 @@
-"""A result as every tool needs it: constants, and curves over SOC as tables read linearly."""
+"""A result in the form that all tools need: constants, and curves over SOC as tables for linear
+interpolation."""
 
 import itertools
 import math
@@ -19,14 +20,14 @@ from ..over_soc.settings import circuit_name
 from ..results import Result
 from .exporter import caveats_of
 
-# A table read linearly follows its curve this closely.
+# Accuracy of a linearly interpolated table.
 TOLERANCE_V = 50e-6
 MAX_HALVINGS = 20
 DIGITS_SOC, DIGITS_V = 9, 7
-# An independent hysteresis fit steps at its knots; the lower side stands this far before them.
+# An independent hysteresis fit steps at its knots; the lower side is this far before them.
 STEP_SOC = 10.0**-DIGITS_SOC
-# Between measured temperatures there is one at least so often, so that a table read linearly
-# follows resistances that are exponential in 1/T within half a percent.
+# Tables between measured temperatures are at most this far apart, so that linear interpolation
+# reproduces resistances that are exponential in 1/T within half a percent.
 BETWEEN_DEGC = 5.0
 
 Values = Float[np.ndarray, "points"]
@@ -34,7 +35,8 @@ Values = Float[np.ndarray, "points"]
 
 @dataclass(frozen=True, eq=False)
 class VoltageTable:
-    """A voltage in V over SOC, strictly increasing from 0 or below to 1, to be read linearly."""
+    """A voltage in V over SOC, strictly increasing from 0 or below to 1, for linear
+    interpolation."""
 
     soc: Values
     voltage_v: Values
@@ -49,20 +51,19 @@ class VoltageTable:
 
 @dataclass(frozen=True, eq=False)
 class Tables:
-    """A result as other tools take it. Discharge current is positive.
+    """A result as other tools use it. Discharge current is positive.
 
-    `resistances` are R0, R1 and so on in ohm: one value of each; where the circuit is tabulated,
-    one for each of `nodes` over SOC; where it is tabulated over temperature too, a row of those for
-    each of `degc`, the measured temperatures and some that are interpolated between them.
-    `parameters` are those at the temperature nearest to 25 degC. `ocv` has the
-    correction of the tables in it, and is the one nearest to 25 degC; `ocv_v` is the same, with a
-    row for each of `degc` where there are several.
+    `resistances` are R0, R1 and so on in ohm: a single value each; if the circuit is tabulated, one
+    for each of `nodes` over SOC; if it is also tabulated over temperature, a row of those for each
+    of `degc`, the measured temperatures and some interpolated between them. `parameters` are those
+    at the temperature nearest to 25 degC. `ocv` includes the correction of the tables, and is the
+    one nearest to 25 degC; `ocv_v` is the same, with a row for each of `degc` if there are several.
 
     `hysteresis` is W(soc), charge minus discharge OCV in V, None if the circuit has none. The
-    circuit adds half of it after charging and takes half of it away after discharging: at once
+    circuit adds half of it after charging and subtracts half of it after discharging: at once
     (`kind` is "instant"), or with a state that follows the charge passed at the rate `gamma` per
-    unit of SOC ("dynamic"); a current below the rest current turns neither. `caveats` say which
-    nodes mean nothing by themselves, and which temperatures were not measured.
+    unit of SOC ("dynamic"); a current below the rest current turns neither. `caveats` name nodes
+    that are not determined on their own, and temperatures that were not measured.
     """
 
     result: Result
@@ -103,9 +104,9 @@ class Tables:
 
 
 def tables_of(result: Result, may_remember: bool = False) -> Tables:
-    """A result's constants and tables. Raises `InputError` if no curve over SOC says them.
+    """A result's constants and tables. Raises `InputError` if no curve over SOC can represent them.
 
-    A format that itself remembers where the current turned says so by `may_remember`.
+    `may_remember` is True for a format that itself remembers where the current turned.
     """
     circuit, fits = get_circuit(result.model), result.fits
     if circuit.hysteresis.kind == "loops" and not may_remember:
@@ -148,7 +149,7 @@ def tables_of(result: Result, may_remember: bool = False) -> Tables:
 def _caveats(
     result: Result, circuit: Circuit, cell: CellModel, over_soc: Sequence[CircuitParameters]
 ) -> tuple[str, ...]:
-    """Notes on what a tool does not learn about the capacity, the OCV, elements and constants at a
+    """Notes on what the export omits about the capacity, the OCV, elements and constants at a
     bound; on nodes that are extrapolated, and on temperatures that were not measured."""
     ladders, pairs = [], 0
     for element, names in zip(circuit.elements, names_of(circuit.elements), strict=True):
@@ -178,11 +179,11 @@ def _caveats(
 
 
 def _ocv_without_samples(result: Result) -> Iterator[tuple[float | None, str]]:
-    """The ranges of nodes of a fitted OCV that no sample is near, at each temperature."""
+    """The ranges of nodes of a fitted OCV without samples nearby, at each temperature."""
     nodes = [node for node in result.fits.settings.ocv_nodes or () if 0 <= node <= 1]
     for degc, fit in result.fits.by_degc:
         seen = {node.soc for node in fit.of_table(OCV)}
-        # Neighbors as one range.
+        # Neighbors form one range.
         groups = itertools.groupby(nodes, key=lambda node: node in seen)
         runs = [list(run) for is_seen, run in groups if seen and not is_seen]
         if runs:
@@ -201,8 +202,8 @@ def _with_some_between(measured_degc: tuple[float, ...]) -> tuple[float, ...]:
 def _ocv(
     circuit: Circuit, cells: Sequence[CellModel], over_soc: Sequence[CircuitParameters]
 ) -> tuple[Values, Float[np.ndarray, "temperatures points"]]:
-    """The OCV of every cell over one SOC, corrected by the tables. Every node is a point of it, so
-    that the correction is exact."""
+    """The OCV of every cell on one SOC grid, corrected by the tables. Every node is a grid point,
+    so that the correction is exact."""
     means = [linear_table(partial(circuit.ocv_v, cell), _bends(cell)) for cell in cells]
     nodes = np.array(over_soc[0].nodes if over_soc else [])
     points = np.concatenate([nodes, *(mean.soc for mean in means)])
@@ -217,7 +218,7 @@ def _ocv(
 def _hysteresis(
     hysteresis: Hysteresis, cell: CellModel, over_soc: CircuitParameters | None
 ) -> VoltageTable | None:
-    """W(soc): that of the tables, the cell's segments, or the gap that a circuit takes."""
+    """W(soc): from the tables, the cell's segments, or the gap that a circuit uses."""
     if over_soc is not None and HALF_HYSTERESIS in over_soc.tables:
         w_v = 2 * np.array(over_soc.tables[HALF_HYSTERESIS])
         return VoltageTable(np.round(over_soc.nodes, DIGITS_SOC), np.round(w_v, DIGITS_V))
@@ -235,7 +236,7 @@ def _bends(cell: CellModel) -> Values:
 
 def _from_empty_to_full(tables: CircuitParameters) -> CircuitParameters:
     """A copy with nodes from SOC 0 to 1: a tool may extrapolate beyond the ends, or refuse a table
-    of a single node."""
+    with a single node."""
     first, last = tables.nodes[0] > 0, tables.nodes[-1] < 1
 
     def held(table: tuple) -> tuple:
@@ -250,8 +251,8 @@ def _from_empty_to_full(tables: CircuitParameters) -> CircuitParameters:
 
 
 def _open_resistances(result: Result) -> tuple[dict[str, set[float]], dict[str, set[float]]]:
-    """The SOC of the nodes, by name, whose samples do not determine a resistance or a fitted OCV,
-    and of those where the resistance of a pair may be zero."""
+    """The SOC of the nodes, by name, at which samples do not determine a resistance or a fitted
+    OCV, and of those at which the resistance of a pair may be zero."""
     undetermined: dict[str, set[float]] = {}
     may_be_zero: dict[str, set[float]] = {}
     for fact in (fact for fit in result.fits for fact in fit.facts if fact.is_assessed):
@@ -268,7 +269,7 @@ def _open_resistances(result: Result) -> tuple[dict[str, set[float]], dict[str, 
 def linear_table(
     curve: Callable[[Values], Values], breakpoints: Values, tolerance_v: float = TOLERANCE_V
 ) -> VoltageTable:
-    """A curve from SOC 0 to 1 as a table that linear interpolation follows within a tolerance.
+    """A curve from SOC 0 to 1 as a table whose linear interpolation is within a tolerance.
 
     Intervals between `breakpoints` (where the curve may bend) are halved until they are straight.
 
@@ -292,7 +293,7 @@ def linear_table(
 
 
 def segment_table(hysteresis: SegmentedHysteresis) -> VoltageTable:
-    """W(soc) at the ends of its segments, a step at a knot as two points close together."""
+    """W(soc) at the ends of its segments, with a step at a knot as two points close together."""
     soc, voltage_v = [], []
     for index, (left_v, right_v) in enumerate(hysteresis.ends_v):
         if not voltage_v or left_v != voltage_v[-1]:

@@ -1,4 +1,4 @@
-"""Whether an exported circuit is the one that was identified: simulations of both, compared."""
+"""Verification that an exported circuit is the identified one: simulations of both, compared."""
 
 import importlib.metadata
 import importlib.util
@@ -14,7 +14,7 @@ from ..simulation import simulate_current
 from .exporter import Exporter, HeldLoad, Simulate, caveats_of
 from .tables import tables_of
 
-# A verification's current: its interval, and how many parts of it are simulated for one.
+# Interval of a verification's current, and the number of steps simulated in each.
 INTERVAL_S = 2.0
 FINER = 16
 # One round of the test profile: seconds and current in units of 1C toward the far end of SOC.
@@ -27,11 +27,11 @@ UNUSED_SHARE = 0.1
 class Verification:
     """The largest and the rms difference of terminal voltage between a package and barnax, in V.
 
-    Of tables at several temperatures it is the largest over the pulse test at each of them. Two
-    figures tell where it comes from: `without_hysteresis_v` is the same with the hysteresis voltage
-    taken out of barnax's circuit, `without_turns_v` leaves out the samples at which the current
-    turns. There an instant hysteresis has turned in barnax, while a hysteresis that is a state has
-    yet to see charge pass.
+    For tables at several temperatures it is the largest over the pulse test at each of them. Two
+    more figures locate the difference: `without_hysteresis_v` is the same with the hysteresis
+    voltage removed from barnax's circuit, `without_turns_v` leaves out the samples at which the
+    current turns. There an instant hysteresis has turned in barnax, while a hysteresis that is a
+    state turns only as charge passes.
     """
 
     package: str
@@ -50,8 +50,8 @@ class Verification:
 
 
 def require_package(exporter: Exporter) -> tuple[str, Simulate]:
-    """The package in which an export can be simulated, and by what. Raises `InputError` if it
-    cannot be simulated here."""
+    """The package in which an export can be simulated, and its simulation. Raises `InputError` if
+    it cannot be simulated here."""
     if exporter.package is None or exporter.simulate is None:
         raise InputError(
             f"`verify` works for pybamm and thevenin only, not for {exporter.name}; leave it out"
@@ -86,10 +86,10 @@ def verify(
         here = result
         if measured_degc:
             here = result.at_temperature(degc)
-            # What an export holds of the capacity is one value, and said to be.
+            # An export holds a single value of the capacity, and says so.
             cell = replace(here.cell, capacity_ah=tables_of(result).capacity_ah)
             here = here.model_copy(update={"cell": cell})
-        # Counted charge may put a start a little beyond full.
+        # Counted charge may put a start slightly beyond full.
         soc = min(max(here.initial_soc, 0.0), 1.0) if exporter.starts_within else here.initial_soc
         differences.append(_differences(here, simulate, content, there, soc))
     differences_v, without_v, turns_v = (
@@ -108,7 +108,7 @@ def verify(
 
 
 def _differences(result: Result, simulate: Simulate, content: bytes, profile: HeldLoad, soc: float):
-    """The differences at all samples, without hysteresis, and without those of turns."""
+    """The differences at all samples, without hysteresis, and without turns."""
     there_v = simulate(content, profile)
     difference_v = there_v - simulate_here(result, profile, soc)
     without_v = there_v - simulate_here(result, profile, soc, without_hysteresis=True)
@@ -121,12 +121,13 @@ def simulate_here(
     """barnax's own terminal voltage in V for a result's circuit, or its tables, on a profile, from
     an initial SOC.
 
-    Intervals are cut in `FINER`: barnax holds a resistance over an interval, and a solver does not.
+    Intervals are divided into `FINER`: barnax holds a resistance over an interval, and a solver
+    does not.
     """
     samples = np.arange(len(profile.time_s))
     time_s = np.interp(np.arange(FINER * samples[-1] + 1) / FINER, samples, profile.time_s)
     current_a = np.append(np.repeat(profile.current_a[:-1], FINER), profile.current_a[-1])
-    # No export holds what resistances follow beside SOC, as its caveats say.
+    # Exports contain no resistance law, as their caveats say.
     how = {"has_hysteresis": not without_hysteresis, "has_dependence": False}
     simulated = simulate_current(result, time_s, current_a, initial_soc=soc, **how)
     return simulated.voltage_v[::FINER]
@@ -149,7 +150,7 @@ def pulse_profile(result: Result) -> HeldLoad:
 
 
 def _turns(profile: HeldLoad, initial_direction: int) -> Bool[np.ndarray, "samples"]:
-    """True where the current flows the other way than when it last flowed."""
+    """True where the current flows in the opposite direction to its last one."""
     way = -np.sign(profile.current_a)
     last = np.maximum.accumulate(np.where(way != 0, np.arange(len(way)), -1))
     direction = np.where(last < 0, initial_direction, way[last])

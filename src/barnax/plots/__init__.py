@@ -1,8 +1,8 @@
 """Figures of results: each function takes a result and returns a matplotlib `Figure`.
 
-Nothing is shown or written, and neither pyplot nor the global style is touched: write a figure
-with its own `savefig`. Within `column_width()` they fit a journal's column. Importing this
-package loads matplotlib, but not JAX.
+Nothing is shown or written, and neither pyplot nor the global style is touched: write a figure with
+its own `savefig`. Within `column_width()` they fit a journal's column. Importing this package loads
+matplotlib, but not JAX.
 """
 
 import io
@@ -49,29 +49,29 @@ UNDATED: Final[dict[Kind, dict[str, Any]]] = {
 def encode(figure: Figure, kind: Kind = "png", dpi: int = 150) -> bytes:
     """The figure as PNG, SVG or PDF, in memory.
 
-    `dpi` is the resolution of PNG and of what is drawn as a picture inside SVG and PDF. The first
-    call settles the figure's layout, so that all its files look the same.
+    `dpi` is the resolution of PNG and of rasterized parts of SVG and PDF. The first call fixes the
+    figure's layout, so that all its files look the same.
 
     >>> encode(Figure(), "svg")[:5]
     b'<?xml'
     """
     buffer = io.BytesIO()
     with figure_style(), matplotlib.rc_context({"svg.hashsalt": "barnax"}):
-        # Laid out anew for every file, axes would move by a fraction of a point each time.
+        # With a new layout for every file, axes would move by a fraction of a point each time.
         engine = figure.get_layout_engine()
         if engine is not None:
             engine.execute(figure)
-            # Not "none": with that stand-in every figure is drawn twice.
+            # Not "none": with that placeholder every figure is drawn twice.
             figure.set_layout_engine(None)
         figure.canvas.print_figure(buffer, format=kind, dpi=dpi, metadata=UNDATED[kind])
     return buffer.getvalue()
 
 
 def with_few_colors(png: bytes) -> bytes:
-    """A PNG with 256 colors, a third of the bytes, for a page that holds many."""
+    """A PNG with 256 colors, a third of the bytes, for pages with many figures."""
     image = PngImageFile(io.BytesIO(png)).convert("RGB")
     buffer = io.BytesIO()
-    # The one of Pillow's methods that keeps rare colors close.
+    # The only one of Pillow's methods that keeps rare colors close.
     few = image.quantize(method=Quantize.MAXCOVERAGE, dither=Dither.NONE)
     few.save(buffer, "png", optimize=True)
     return buffer.getvalue()

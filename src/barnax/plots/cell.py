@@ -27,16 +27,16 @@ DISCHARGE: Final = style.RowLook(style.BLUE, "-", "v")
 CURVE_SAMPLES: Final = 1001
 # More points than this (a slow sweep has them) would hide the curve under full-size markers.
 FEW_POINTS: Final = 50
-# What curves through their points leave is rounding.
+# Residuals of curves through their points are rounding.
 ROUNDING_MV: Final = 1e-3
 
 
 @style.figure_style()
 def plot_ocv(cell: "CellModel | Result | str | Path") -> Figure:
-    """OCV points and curves over SOC; below, what each curve leaves at its own points, in mV. One
-    that was identified from records has no points: it is a line, of a result with its intervals.
+    """OCV points and curves over SOC; below, the residuals of each curve at its own points, in mV.
+    An OCV fitted to records has no points: it is a line, for a result with its intervals.
 
-    Curves through their points leave nothing, and have no panel for it. A branch that was not
+    Curves through their points have no residuals, and no panel for them. A branch that was not
     measured is not drawn, and then there is no average either.
 
     Args:
@@ -89,8 +89,8 @@ def plot_ocv(cell: "CellModel | Result | str | Path") -> Figure:
 
 
 def plot_fitted_ocv(cell: CellModel, nodes: "Sequence[Fact]") -> Figure:
-    """An OCV of the records' own over SOC with the intervals of its nodes; where a hysteresis was
-    identified with it, its branches too."""
+    """A fitted OCV over SOC with the intervals of its nodes; if a hysteresis was identified with
+    it, its branches too."""
     figure = style.make_figure()
     axes = figure.subplots()
     bounded = [(node.soc, node.low, node.high) for node in nodes if node.low is not None]
@@ -108,23 +108,23 @@ def plot_fitted_ocv(cell: CellModel, nodes: "Sequence[Fact]") -> Figure:
 
 
 PANELS_ACROSS: Final = 2
-# Of a row of panels, and of what is around all of them.
+# Height of a row of panels, and of the space around all of them.
 HEIGHTS_IN: Final = (2.1, 0.7)
-# More rates than these are left out, the rarest first.
+# With more rates than these the rarest are left out.
 MAX_PANELS: Final = 6
 PULSE_COLORS: Final = "viridis"
 
 
 @style.figure_style()
 def plot_pulses(evaluation: "Evaluation", pulses: Sequence[Pulse]) -> Figure:
-    """The change of voltage over that of current since each pulse began, a panel a rate.
+    """The change of voltage over that of current since the start of each pulse, one panel per rate.
 
-    Colored by SOC, measured; black and dashed, simulated. What remains of an earlier pulse's
-    relaxation is in both.
+    Measured curves are colored by SOC, simulated ones black and dashed. Relaxation left from an
+    earlier pulse is in both.
 
     Args:
         evaluation: The pulse test's evaluation.
-        pulses: The pulses found in it.
+        pulses: The pulses in it.
     """
     names = ("Time in the pulse [s]", "Resistance [mOhm]\n(change of V over I)")
     figure, panels = _rate_panels(pulses, evaluation.prepared.capacity_ah, *names)
@@ -161,7 +161,7 @@ def _draw_pulse(axes: Axes, evaluation: "Evaluation", pulse: Pulse, color: objec
 
 @style.figure_style()
 def plot_pulse_resistances(pulses: Sequence[Pulse], capacity_ah: float) -> Figure:
-    """The standard pulse resistances over SOC, a panel a direction and rate.
+    """The standard pulse resistances over SOC, one panel per direction and rate.
 
     Args:
         pulses: The pulses of a test.
@@ -193,7 +193,7 @@ def plot_pulse_resistances(pulses: Sequence[Pulse], capacity_ah: float) -> Figur
 
 
 def _from_zero(panels: Iterable[Axes]) -> None:
-    """Let the scale that panels share begin at zero and hold what is drawn in all of them."""
+    """Start the scale shared by the panels at zero, and extend it to the data of all of them."""
     for axes in panels:
         axes.set_ylim(bottom=0.0)
 

@@ -1,4 +1,4 @@
-"""Many cells: how the quantities of a fleet are spread, the cells of a pack, and ageing."""
+"""Many cells: distributions of a fleet's quantities, the cells of a pack, and ageing."""
 
 import math
 import re
@@ -49,7 +49,7 @@ def plot_distributions(quantities: Mapping[str, Float[np.ndarray, "cells"]]) -> 
     return style.finish(figure, *panels)
 
 
-# Of a pack's quantities the labels of the panels, and the factors to their units.
+# Panel labels of a pack's quantities, and the factors to their units.
 PACK: Final = {
     "R0 [Ohm]": ("R0 [mOhm]", 1e3),
     "total R [Ohm]": ("Total R [mOhm]", 1e3),
@@ -64,7 +64,7 @@ def plot_pack(fit: "PackFit", odd: Collection[tuple[str, str]] = (), weakest: st
 
     Args:
         fit: The cells.
-        odd: Names of odd cells, each with the quantity that is odd.
+        odd: Names of outlying cells, each with the quantity concerned.
         weakest: The name of the weakest cell.
     """
     shown = [name for name in PACK if any(name in cell.values for cell in fit.cells)]
@@ -95,7 +95,7 @@ def plot_pack(fit: "PackFit", odd: Collection[tuple[str, str]] = (), weakest: st
 
 
 def numbers_of(names: Sequence[str]) -> list[str]:
-    """The numbers that distinguish names, where the words around them are the same.
+    """The numbers that distinguish names, if the words around them are the same.
 
     >>> numbers_of(["Cell 9 voltage [V]", "Cell 10 voltage [V]"])
     ['9', '10']
@@ -115,7 +115,7 @@ def numbers_of(names: Sequence[str]) -> list[str]:
     ]
 
 
-# Of a life's quantities the labels of the panels, and the factors to their units.
+# Panel labels of a life's quantities, and the factors to their units.
 LIFE: Final = {
     "capacity [A.h]": ("Capacity [A.h]", 1.0),
     "R0 [Ohm]": ("R0 [mOhm]", 1e3),
@@ -123,9 +123,9 @@ LIFE: Final = {
     "OCV shift [V]": ("OCV shift [mV]", 1e3),
 }
 AGES: Final = {"A.h": "Throughput [A.h]", "cycle": "Age [cycles]"}
-# The most cells drawn of a large fleet, beside those that are odd.
+# The most cells drawn of a large fleet, in addition to flagged ones.
 MOST_DRAWN: Final = 500
-# So few cells are drawn by name, with what their records tell, a little apart.
+# Up to this many cells are drawn by name, with the estimates from their records, slightly apart.
 MOST_NAMED: Final = len(style.ROW_COLORS)
 APART: Final = 0.008
 MARGIN: Final = 0.03
@@ -133,8 +133,8 @@ MARGIN: Final = 0.03
 
 @style.figure_style()
 def plot_fleet_life(life: "Life") -> Figure:
-    """The smooth trends of all cells, and in color those that are flagged; few cells by name, with
-    what each record tells.
+    """The smooth trends of all cells, with flagged ones in color; for few cells by name, with the
+    estimate from each record.
 
     Args:
         life: A fleet's ageing.
@@ -156,7 +156,7 @@ def plot_fleet_life(life: "Life") -> Figure:
 
 @style.figure_style()
 def plot_cell_life(life: "Life", cell: str) -> Figure:
-    """The estimates of one cell, its smooth trends, and where it departs from the fleet.
+    """The estimates of one cell, its smooth trends, and its departures from the fleet.
 
     Args:
         life: A fleet's ageing.
@@ -200,7 +200,7 @@ def _draw_trend(
 
 
 def _draw_many(axes: Axes, life: "Life", quantity: str, trends: "Sequence[Trend]") -> None:
-    """The trends of many cells, the odd ones red, and their median interval as a bar."""
+    """The trends of many cells, flagged ones red, and their median interval as a bar."""
     _, scale = LIFE[quantity]
     odd = {fault.cell for fault in life.faults if fault.quantity == quantity}
     for trend in [*trends[:MOST_DRAWN], *(trend for trend in trends if trend.cell in odd)]:

@@ -1,4 +1,4 @@
-"""Errors: of voltage over time and SOC, of one circuit or many, and of a filter's SOC."""
+"""Errors: of voltage over time and SOC, for one circuit or many, and of a filter's SOC."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 SOC_BINS: Final = 20
 FEWEST_IN_BIN: Final = 5
-# A few samples at the very end of a discharge can be ten times as far off as all the others.
+# A few samples at the very end of a discharge can have ten times the error of all others.
 FEW_PERCENT: Final = 0.5
 MARGIN: Final = 0.3
 NEARLY_INSIDE: Final = 1.5
@@ -26,8 +26,8 @@ NEARLY_INSIDE: Final = 1.5
 MAX_STRIPS: Final = 10
 STRIP_IN: Final = 1.1
 AROUND_STRIPS_IN: Final = 1.1
-# Rows with more than this many times the lowest RMSE do not set the scale; a note counts what is
-# outside.
+# Rows with more than this many times the lowest RMSE do not set the scale; a note counts the
+# samples outside.
 FAR_OFF: Final = 3.0
 # An outline, so that lines stand out from points of any color.
 OUTLINE: Final = (Stroke(linewidth=2.8, foreground="white"), Normal())
@@ -35,12 +35,12 @@ OUTLINE: Final = (Stroke(linewidth=2.8, foreground="white"), Normal())
 
 @style.figure_style()
 def plot_error(evaluations: "Evaluation | Mapping[str, Evaluation]") -> Figure:
-    """Measured minus simulated voltage in mV, over time and over SOC, of one circuit or of many.
+    """Measured minus simulated voltage in mV, over time and over SOC, for one circuit or many.
 
-    Samples that do not count are grey and shaded. Dashed: plus and minus the RMSE of all scored
+    Samples that are not scored are grey and shaded. Dashed: plus and minus the RMSE of all scored
     samples. Over SOC the steps are plus and minus the RMSE of the scored samples in each twentieth
-    of SOC that holds at least five of them. The scale leaves out what few scored samples alone
-    would need: an arrow at the edge for each, and a note of how many and how far.
+    of SOC that contains at least five of them. The scale leaves out the range needed only by a few
+    scored samples: an arrow at the edge for each, and a note of how many and how far.
 
     Many rows have a strip each, left over time, right over SOC, as in Fig. 11 and 13 of Li et al.
     (2023), on the scale of the rows within three times the lowest RMSE; of more than ten rows the
@@ -100,10 +100,10 @@ def _draw_errors(
     colors: tuple[str, str],
     labels: tuple[str, str, str],
 ) -> None:
-    """One evaluation's errors over time and over SOC, with its RMSE, in all and by SOC.
+    """One evaluation's errors over time and over SOC, with its RMSE, overall and by SOC.
 
-    `colors` are those of the scored errors and of the RMSE by SOC, `labels` those of what is
-    scored, of what is not, and of the RMSE.
+    `colors` are those of the scored errors and of the RMSE by SOC, `labels` those of scored
+    samples, of other samples, and of the RMSE.
     """
     prepared, error_mv = evaluation.prepared, 1e3 * evaluation.error_v
     scored, soc, rmse_mv = prepared.scored, prepared.soc, 1e3 * evaluation.metrics.rmse_v
@@ -125,7 +125,7 @@ def _draw_errors(
 def broken_line(
     time: Samples, error_mv: Samples, chosen: Bool[np.ndarray, "samples"]
 ) -> tuple[Float[np.ndarray, "points"], Float[np.ndarray, "points"]]:
-    """The chosen samples as a line, broken where others lie between, as wide as can be seen."""
+    """The chosen samples as a line, with every visible break where others lie between."""
     indices = np.flatnonzero(chosen)
     kept = indices[style.decimate(time[indices], error_mv[indices])]
     others = np.cumsum(~chosen)
@@ -135,7 +135,7 @@ def broken_line(
 
 
 def _draw_rmse_by_soc(axes: Axes, soc: Samples, error_mv: Samples, color: str) -> None:
-    """Plus and minus the RMSE in each twentieth of SOC that holds enough samples."""
+    """Plus and minus the RMSE in each twentieth of SOC with enough samples."""
     edges = np.linspace(0.0, 1.0, SOC_BINS + 1)
     samples = np.histogram(soc, edges)[0]
     squares = np.histogram(soc, edges, weights=error_mv**2)[0]
@@ -146,7 +146,7 @@ def _draw_rmse_by_soc(axes: Axes, soc: Samples, error_mv: Samples, color: str) -
 
 
 def scored_limits(scored_mv: Samples) -> tuple[float, float]:
-    """Limits that all but a few scored samples need."""
+    """Limits that include all but a few scored samples."""
     rmse_mv = np.sqrt(np.mean(scored_mv**2))
     few = [FEW_PERCENT, 100 - FEW_PERCENT]
     low, high = np.percentile(np.concatenate([scored_mv, [-rmse_mv, rmse_mv]]), few)
@@ -159,7 +159,7 @@ def scored_limits(scored_mv: Samples) -> tuple[float, float]:
 
 
 def _common_limits(rows: Rows) -> tuple[float, float]:
-    """One scale for all strips, from the rows that are not far off."""
+    """One scale for all strips, from the rows with small enough errors."""
     limits = [
         scored_limits(1e3 * row.error_v[row.prepared.scored])
         for row in rows.shown.values()
@@ -170,7 +170,7 @@ def _common_limits(rows: Rows) -> tuple[float, float]:
 
 
 def outside_note(scored_mv: Samples, low: float, high: float) -> str:
-    """The number of scored samples outside the limits, and how far; empty where there are none.
+    """The number of scored samples outside the limits, and how far; empty if there are none.
 
     >>> outside_note(np.array([1.0, 2.0, -60.0]), -5.0, 5.0)
     'off scale: 1 of 3 samples, up to −60 mV'
@@ -199,23 +199,23 @@ SCENARIO_COLORS: Final = (
     *(style.PURPLE, style.ORANGE, style.SKY_BLUE),
 )
 REPLAY_IN, SCENARIO_IN = 2.4, 0.85
-# The least that errors of SOC are drawn over.
+# The smallest range for errors of SOC.
 LEAST_PERCENT: Final = 1.0
-# Counts that are nearer to the counter are not drawn beside it.
+# Counts closer than this to the counter are not drawn separately.
 SAME_SOC: Final = 1e-3
-# The least room for wrong counts beside the counter, in percent.
+# The least room for wrong counts around the counter, in percent.
 BESIDE: Final = 25.0
 BAND_SD: Final = 2.0
 
 
 @style.figure_style()
 def plot_soc_replay(replay: "SocReplay") -> Figure:
-    """SOC by the counter and by counting with what each scenario has wrong, and a panel with the
+    """SOC by the counter and by counting with the faults of each scenario, and a panel with the
     filter's errors in each.
 
-    The shaded bands are two standard deviations of the filter about zero. The scale is that of
-    errors from when they are within 3 %, and of the bands after ten minutes; a filter that is
-    lost has its own. Raises `InputError` for a replay read from a file.
+    The shaded bands are two standard deviations of the filter about zero. The scale covers errors
+    from when they are within 3 %, and the bands after ten minutes; a filter that diverges has its
+    own. Raises `InputError` for a replay read from a file.
 
     Args:
         replay: A replay that was not read from a file.
@@ -248,7 +248,7 @@ def plot_soc_replay(replay: "SocReplay") -> Figure:
             style.draw_line(counted, clock.time, 100 * traces.counted[row], **look)
     starts = np.asarray(traces.counted)[:, 0]
     beside = max(BESIDE, 105 * float(np.nanmax(np.abs(starts - traces.truth[0]), initial=0.0)))
-    # Above full, only a start that is drawn there needs room.
+    # Only a start drawn above full needs room there.
     full = max(105.0, 100 * float(np.nanmax(starts, initial=0.0)) + 5)
     counted.set_ylim(truth.min() - beside, min(truth.max() + beside, full))
     counted.set_ylabel("State of charge [%]")
@@ -258,7 +258,7 @@ def plot_soc_replay(replay: "SocReplay") -> Figure:
 
 
 def _widest_percent(replay: "SocReplay") -> float:
-    """The error of SOC up to which all scenarios are drawn in which the filter is not lost."""
+    """The error of SOC up to which all scenarios are drawn in which the filter does not diverge."""
     near = [part for part in replay.scenarios if not part.is_lost]
     reached = [share for part in near for share in (part.max, part.widest) if share]
     return min(max([LEAST_PERCENT, *(110 * share for share in reached)]), 100.0)

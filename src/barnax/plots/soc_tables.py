@@ -26,20 +26,20 @@ if TYPE_CHECKING:
     from ..search.evaluate import Evaluation
 
 PANELS_ACROSS: Final = 2
-# Of a row of panels, and of what is around all of them.
+# Height of a row of panels, and of the space around all of them.
 HEIGHTS_IN: Final = (1.9, 0.6)
-# What sets no scale may extend it to this many times the largest value that does.
+# Values that set no scale may extend it to this many times the largest value that does.
 WIDEST: Final = 1.6
-# Resistances over this many times the median set no scale.
+# Resistances above this many times the median set no scale.
 FAR: Final = 8.0
-# What is off a scale stands beside a time constant, in lines of so many letters.
+# Values off a scale are listed beside a time constant, in lines of this many characters.
 LETTERS: Final = 34
-# What a hysteresis is called on its axis.
+# The axis label of a hysteresis.
 HALF: Final = HALF_HYSTERESIS.partition(" [")[0]
 
 
-# Of a node the SOC, whether samples visit it and tell nothing of it, and its value with the ends of
-# its interval.
+# For a node: the SOC, whether samples visit it without determining it, and its value with the ends
+# of its interval.
 NODE: Final = np.dtype(
     [("soc", float), ("is_visited", bool), ("is_open", bool)]
     + [(name, float) for name in ("value", "low", "high")]
@@ -48,14 +48,14 @@ NODE: Final = np.dtype(
 
 @dataclass(frozen=True)
 class DrawnTable:
-    """One table of a fit as figures have it.
+    """One table of a fit as drawn in figures.
 
     Attributes:
         label: Its name, with the unit of its values.
-        is_resistance: It is in mOhm.
-        nodes: A `NODE` each, NaN where an end of the interval is open; of one value at every SOC,
-            both ends of the SOC.
-        has_nodes: It is not one value at every SOC.
+        is_resistance: True if it is in mOhm.
+        nodes: One `NODE` each, NaN at an open end of the interval; for one value at every SOC, both
+            ends of the SOC range.
+        has_nodes: True unless it has one value at every SOC.
     """
 
     label: str
@@ -70,8 +70,8 @@ class DrawnTable:
 
 
 def drawn_tables(fit: "TableFit") -> dict[str, DrawnTable]:
-    """Every table of a fit by its name, with both ends of every node's interval; and the OCV of the
-    records' own, which has nodes of its own."""
+    """Every table of a fit by its name, with both ends of every node's interval; and a fitted OCV,
+    which has its own nodes."""
     rows: dict[str, list[Fact]] = {}
     for fact in fit.facts:
         if not fact.is_mean and fact.name in (*fit.tables.tables, OCV):
@@ -86,7 +86,7 @@ def _drawn(name: str, facts: "Sequence[Fact]") -> DrawnTable:
     soc, *values = np.array(rows, float).T
     is_open = [fact.is_assessed and fact.low is None and fact.high is None for fact in facts]
     if unit == "Ohm]":
-        # A resistance that is at most so much is between zero and that.
+        # A resistance with only an upper end is between zero and that.
         values[1] = np.where(np.isnan(values[1]) & np.isfinite(values[2]), 0.0, values[1])
     visited = [fact.is_visited for fact in facts]
     columns = [soc, visited, is_open, *(scale * column for column in values)]
@@ -98,14 +98,14 @@ def _drawn(name: str, facts: "Sequence[Fact]") -> DrawnTable:
 
 
 def scale_of(tables: Sequence[DrawnTable]) -> tuple[float, float]:
-    """One scale for tables at the nodes that samples visit, from zero but for OCVs: of those
-    that the data determine, with an interval narrower than the value, and that are not far above
-    the others."""
+    """One scale for tables at the nodes that samples visit, from zero except for OCVs: from the
+    nodes that the data determine, with an interval narrower than the value, and that are not far
+    above the others."""
     seen = [table.seen if table.nodes["is_visited"].any() else table for table in tables]
     nodes = np.concatenate([table.nodes for table in seen])
     values, low, high = nodes["value"], nodes["low"], nodes["high"]
     is_resistance = tables[0].is_resistance
-    # Of constants, all are shown.
+    # All constants are shown.
     are_some = is_resistance and tables[0].has_nodes
     sets = high - low <= values if are_some else np.full(len(values), True)
     sets = sets if sets.any() else ~sets
@@ -125,7 +125,7 @@ def off_the_scale(
     tables: Sequence[DrawnTable], limits: tuple[float, float], constant: float | None = None
 ) -> str:
     """The nodes outside the limits, how many of them are extrapolated, and the constant circuit's
-    value; empty where none is."""
+    value; empty if there are none."""
     bottom, top = limits
     nodes = np.concatenate([table.nodes for table in tables])
     is_outside = (nodes["value"] < bottom) | (nodes["value"] > top)
@@ -147,8 +147,8 @@ def off_the_scale(
 def plot_tables(fit: "TableFit", constant: "CircuitParameters | None" = None) -> Figure:
     """Every table over SOC with the intervals of its nodes, the constant circuit's value behind.
 
-    Nodes that samples visit are filled, with their band, and crossed where the value is not
-    determined; the others are hollow on a dashed line, for their values follow from their
+    Nodes that samples visit are filled, with their band, and crossed if the value is not
+    determined; the others are hollow on a dashed line, because their values depend on their
     neighbors. Values outside the scale are given above the panel.
 
     Args:
@@ -174,7 +174,7 @@ def plot_tables(fit: "TableFit", constant: "CircuitParameters | None" = None) ->
         _draw_table(axes, table)
         value = 1e3 * ohm[name] if name in ohm else None
         if value is not None:
-            # It says something where the records do.
+            # The visited nodes set the scale if there are any.
             shown = table.seen if table.nodes["is_visited"].any() else table
             look = {"color": style.GREY, "linewidth": 1.4, "zorder": 1}
             axes.plot(shown.nodes["soc"][[0, -1]], [value] * 2, **look, label="constant circuit")
@@ -214,12 +214,12 @@ def _draw_table(axes: Axes, table: DrawnTable) -> None:
 
 
 TALL_IN: Final = (2.1, 0.7)
-# States of charge that are drawn over temperature: the nodes nearest to these.
+# States of charge for plots over temperature: the nodes nearest to these.
 SOC: Final = (0.1, 0.3, 0.5, 0.7, 0.9)
 COLORS: Final = "plasma"
 # The end of the colors is too light for a line.
 LIGHTEST: Final = 0.85
-# Marks of one temperature stand apart by this share of the range.
+# Markers at one temperature are separated by this share of the range.
 APART: Final = 0.012
 BETWEEN: Final[dict[str, Any]] = {"linewidth": 0.8, "linestyle": (0, (5, 3))}
 # Intervals extend a logarithmic scale up to this factor.
@@ -230,14 +230,13 @@ POINTS: Final = 101
 
 @style.figure_style()
 def plot_over_temperature(table_fits: "TableFits") -> Figure:
-    """Every resistance over temperature, a line a state of charge.
+    """Every resistance over temperature, one line per state of charge.
 
-    Marks with intervals are the measured temperatures, drawn a little apart so that none hides
-    another; dashed lines are what is interpolated between them. Raises `ValueError` for tables of
-    one temperature.
+    Markers with intervals are the measured temperatures, drawn slightly apart so that none hides
+    another; dashed lines are interpolated. Raises `ValueError` for tables at one temperature.
 
     Args:
-        table_fits: Tables of several temperatures.
+        table_fits: Tables at several temperatures.
     """
     over, between = table_fits.over_temperature, table_fits.tables
     if over is None or between is None:
@@ -274,7 +273,7 @@ def plot_over_temperature(table_fits: "TableFits") -> Figure:
 
 
 def _chosen_nodes(fits: "Sequence[TableFit]") -> list[int]:
-    """The nodes nearest to `SOC` of those that samples of every temperature visit."""
+    """The nodes nearest to `SOC` among those that samples visit at every temperature."""
     is_seen = np.all([fit.tables.visited for fit in fits], axis=0)
     nodes = np.array(fits[0].tables.nodes)
     candidates = np.flatnonzero(is_seen) if is_seen.any() else np.arange(len(nodes))
@@ -355,7 +354,7 @@ def _draw_resistances(axes: Axes, evaluation: "Evaluation", fit: "TableFit") -> 
     labels = ["R0"]
     for tau, tau_s in fit.tables.named_tau_s.items():
         name = names_beside(tau).resistance.partition(" ")[0]
-        # Of several records, the first may be the shorter.
+        # The first of several records may be shorter than another.
         is_long = tau_s > longest_s and (fit.tables.is_constant or tau in at_bound)
         shown = f"{tau_s:.3g} s" if tau_s < 1000 else f"{tau_s / 60:.3g} min"
         labels.append(f"{name}, tau {'longer than the record' if is_long else shown}")

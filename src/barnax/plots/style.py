@@ -1,4 +1,4 @@
-"""The looks of every figure: sizes, colors, axes, lines, and the rows of a comparison."""
+"""The style of every figure: sizes, colors, axes, lines, and the rows of a comparison."""
 
 import io
 import math
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 HEIGHT_IN: Final = 4.5
 LONGEST_TITLE: Final = 80
 
-# M. Okabe and K. Ito, "Color Universal Design" (2008): told apart with every color vision.
+# M. Okabe and K. Ito, "Color Universal Design" (2008): distinguishable with every color vision.
 BLACK: Final = "#000000"
 ORANGE: Final = "#E69F00"
 SKY_BLUE: Final = "#56B4E9"
@@ -35,7 +35,7 @@ GREEN: Final = "#009E73"
 BLUE: Final = "#0072B2"
 VERMILLION: Final = "#D55E00"
 PURPLE: Final = "#CC79A7"
-# Neutral greys beside the palette.
+# Neutral greys in addition to the palette.
 GREY: Final = "#9A9A9A"
 SHADE: Final = "#E4E4E4"
 
@@ -100,7 +100,8 @@ _layout: ContextVar[FigureLayout] = ContextVar("layout", default=PAGE)
 
 @contextmanager
 def column_width() -> Iterator[None]:
-    """Within it figures are as wide as a column of a journal, 3.5 in (89 mm), with 7 pt letters.
+    """Context in which figures are as wide as a column of a journal, 3.5 in (89 mm), with 7 pt
+    letters.
 
     >>> with column_width():
     ...     width_in, _ = make_figure().get_size_inches()
@@ -120,13 +121,13 @@ def is_column() -> bool:
 
 
 def letters_pt(on_a_page: float) -> float:
-    """The size of letters that have this one where the figure is as wide as a page."""
+    """The font size corresponding to this one in a figure as wide as a page."""
     return _layout.get().letters * on_a_page
 
 
 @contextmanager
 def figure_style() -> Iterator[None]:
-    """Within it figures look the same, whatever style the user's session has set."""
+    """Context in which figures look the same, whatever style the user's session has set."""
     default = matplotlib.rcParamsDefault
     chosen: dict[Any, Any] = {
         name: default[name] for name in default if not name.startswith("backend")
@@ -142,7 +143,7 @@ def scaled(style: dict[Any, Any]) -> dict[Any, Any]:
 
 
 def opened(source: "Result | str | Path") -> "Result":
-    """The result given, or that of a file."""
+    """The given result, or that in a file."""
     # It needs JAX, which figures do not.
     from ..results import Result
 
@@ -152,7 +153,7 @@ def opened(source: "Result | str | Path") -> "Result":
 class ShownFigure(Figure):
     """A figure that a notebook shows.
 
-    matplotlib's own are shown only where pyplot was imported, which nothing here does.
+    matplotlib's own figures are shown only if pyplot was imported, which nothing here does.
     """
 
     def _repr_png_(self) -> bytes:
@@ -163,7 +164,7 @@ class ShownFigure(Figure):
 
 
 def make_figure(height_in: float = HEIGHT_IN) -> Figure:
-    """An empty figure that no pyplot knows of, as wide as the layout says."""
+    """An empty figure unknown to pyplot, with the width of the layout."""
     layout = _layout.get()
     return ShownFigure(figsize=(layout.width_in, layout.height * height_in), layout="constrained")
 
@@ -171,8 +172,8 @@ def make_figure(height_in: float = HEIGHT_IN) -> Figure:
 def make_panels(
     count: int, across: int, heights_in: tuple[float, float], below: str = "", **shared: Any
 ) -> tuple[Figure, list[Axes]]:
-    """A figure with `count` panels in rows of `across`; `heights_in` are those of a row and of what
-    is around all of them, and `below` names the x axis of the lowest panel of each column."""
+    """A figure with `count` panels in rows of `across`; `heights_in` are those of a row and of the
+    space around all of them, and `below` names the x axis of the lowest panel of each column."""
     rows = -(-count // across)
     row_in, around_in = heights_in
     figure = make_figure(height_in=around_in + row_in * rows)
@@ -188,9 +189,9 @@ def make_panels(
 def finish(
     figure: Figure, *panels: Axes, columns: int = 3, legend_of: Sequence[Axes] | None = None
 ) -> Figure:
-    """The figure with ticks, a grid behind the data, labels of one column or row at one height,
-    and above it, where it hides no data, one legend of all labels in `legend_of`, by default the
-    panels; none where there is no label."""
+    """The figure with ticks, a grid behind the data, labels of one column or row at one height, and
+    above it, where it hides no data, one legend of all labels in `legend_of`, by default the
+    panels; none if there is no label."""
     for axes in panels:
         axes.tick_params(which="major", **scaled(TICKS))
         axes.tick_params(which="minor", **scaled(MINOR_TICKS))
@@ -212,14 +213,14 @@ def finish(
 
 
 def title(axes: Axes, text: str) -> None:
-    """A small title at the left, its end kept where it is too long."""
+    """A small title at the left; one that is too long keeps its end."""
     text = legible(text)
     shown = text if len(text) <= LONGEST_TITLE else "…" + text[1 - LONGEST_TITLE :]
     show_name(axes.set_title(shown))
 
 
 def show_name(text: Text) -> None:
-    """Show names of files and rows as they are: no formulas, and no letter without a glyph."""
+    """Show names of files and rows literally: no formulas, and no letter without a glyph."""
     text.set_parse_math(False)
     shown = legible(text.get_text())
     text.set_text(shown)
@@ -228,7 +229,7 @@ def show_name(text: Text) -> None:
 
 
 def legible(name: str) -> str:
-    r"""The name, with escapes in place of controls and of letters that no font here can draw.
+    r"""The name, with escapes for controls and for letters that no font here can draw.
 
     Controls would break an SVG file, and letters without a glyph are drawn as empty boxes.
 
@@ -263,10 +264,10 @@ RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def label_plainly(axis: Axis) -> None:
-    """Ticks with plain numbers on a logarithmic axis, also where it spans less than a decade.
+    """Ticks with plain numbers on a logarithmic axis, even if it spans less than a decade.
 
-    Call it when the limits stand. An axis of more than four decades shows powers of ten, in plain
-    characters: setting them as formulas takes as long as the rest of a figure's text.
+    Call it after the limits are set. An axis of more than four decades shows powers of ten, in
+    plain characters: setting them as formulas takes as long as the rest of a figure's text.
     """
     low, high = sorted(axis.get_view_interval())
     within = (1, 2, 5) if high / low < FEW_DECADES else (1, 3) if high / low < MIDDLE else (1,)
@@ -294,12 +295,12 @@ COLUMNS = 2000
 def decimate(
     x: Float[np.ndarray, "samples"], y: Float[np.ndarray, "samples"], columns: int = COLUMNS
 ) -> Int[np.ndarray, "kept"]:
-    """Indices of the samples that are enough to draw y over x, which must not decrease.
+    """Indices of the samples that suffice to draw y over x, which must not decrease.
 
     The first, last, lowest and highest sample of each of `columns` equal parts of the range of x:
     the drawn line is the same as long as a part is no wider than a pixel (U. Jugel et al., "M4: A
-    Visualization-Oriented Time Series Data Aggregation", VLDB 7 (2014) 797). All samples where
-    there are fewer than those.
+    Visualization-Oriented Time Series Data Aggregation", VLDB 7 (2014) 797). All samples if there
+    are fewer.
 
     >>> decimate(np.arange(6.0), np.array([0.0, 5.0, 2.0, -3.0, 1.0, 1.0]), columns=1)
     array([0, 1, 3, 5])
@@ -316,15 +317,15 @@ def decimate(
 def draw_line(
     axes: Axes, x: Float[np.ndarray, "samples"], y: Float[np.ndarray, "samples"], **style: Any
 ) -> Line2D:
-    """y over x, of as many samples as can be seen."""
+    """y over x, with as many samples as can be seen."""
     kept = decimate(x, y)
     (line,) = axes.plot(x[kept], y[kept], **style)
     return line
 
 
-# What lies between the ends of intervals.
+# The band between the ends of intervals.
 BAND: Final[dict[str, Any]] = {"color": SKY_BLUE, "alpha": 0.35, "linewidth": 0.0}
-# A mark that is visible over any color.
+# A marker that is visible over any color.
 OPEN: Final[dict[str, Any]] = {
     "markerfacecolor": "white",
     "markeredgecolor": BLACK,
@@ -333,12 +334,13 @@ OPEN: Final[dict[str, Any]] = {
 
 
 def draw_points(axes: Axes, x: Any, y: Any, marker: str, size: float, **style: Any) -> None:
-    """Marks without a line between them."""
+    """Markers without a line between them."""
     axes.plot(x, y, linestyle="none", marker=marker, markersize=size, **style)
 
 
 def mark_outside(axes: Axes, x: Any, y: Any, limits: tuple[float, float]) -> None:
-    """The limits of the y axis, and an arrow at the edge wherever a value lies beyond them."""
+    """Set the limits of the y axis, and draw an arrow at the edge wherever a value lies beyond
+    them."""
     axes.set_ylim(limits)
     for marker, end, beyond in (("v", limits[0], y < limits[0]), ("^", limits[1], y > limits[1])):
         style = {"color": VERMILLION, "markeredgewidth": 0.0, "clip_on": False, "zorder": 4}
@@ -346,8 +348,8 @@ def mark_outside(axes: Axes, x: Any, y: Any, limits: tuple[float, float]) -> Non
             draw_points(axes, x[beyond], np.full(beyond.sum(), end), marker, 3.6, **style)
 
 
-# Cycles of three coprime lengths: 315 rows differ in at least one of them. Neighbors differ in
-# lightness too, so that grey print tells them apart.
+# Cycles of three coprime lengths: 315 rows differ in at least one of them. Neighbors also differ in
+# lightness, so that they are distinct in grey print.
 ROW_COLORS: Final = (BLUE, ORANGE, BLACK, VERMILLION, SKY_BLUE, GREEN, PURPLE)
 LINES: Final = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (6, 1.5, 1, 1.5)), (0, (3, 1, 1, 1, 1, 1)))
 MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X", "<", ">")
@@ -355,19 +357,19 @@ MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X", "<", ">")
 
 @dataclass(frozen=True)
 class RowLook:
-    """The look of one row, alike in every figure."""
+    """The look of one row, the same in every figure."""
 
     color: str
     line: str | tuple[int, tuple[float, ...]]
     marker: str
 
 
-# Label of a circuit that is the only one.
+# Label of a single circuit.
 ALONE: Final = "simulated"
 
 
 def row_looks(labels: Collection[str]) -> dict[str, RowLook]:
-    """A look for every label, by its place among the labels; plain black for one circuit alone.
+    """A look for every label, by its index; plain black for a single circuit.
 
     >>> [look.marker for look in row_looks(["IBMO-ISO RC", "LS-SO RC"]).values()]
     ['o', 's']

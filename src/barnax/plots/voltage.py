@@ -1,4 +1,4 @@
-"""Records over time: voltage, current and state of charge, measured, simulated and as designed."""
+"""Records over time: voltage, current and state of charge, measured, simulated and designed."""
 
 import base64
 from collections.abc import Mapping, Sequence
@@ -29,7 +29,7 @@ SHORTEST_STRETCH: Final = 20
 # More voltage lines than this hide each other even in the magnified stretch.
 MAX_VOLTAGES: Final = 8
 MARKERS_PER_LINE: Final = 8
-# How lines and scripts draw what flows between samples, by the record's hold.
+# Line styles for the current between samples, by the record's hold, in lines and scripts.
 STEPS: Final = {
     "forward": ("steps-post", "after"),
     "backward": ("steps-pre", "before"),
@@ -54,16 +54,16 @@ class Clock:
 
 
 class Rows:
-    """The circuits drawn on one record: of the rows given, `most` with the lowest RMSE.
+    """The circuits drawn on one record: of the given rows, the `most` with the lowest RMSE.
 
-    One evaluation is a row too. Raises `ValueError` if there is nothing to draw, or not the same
-    samples in every row.
+    One evaluation is a row too. Raises `ValueError` if there is nothing to draw, or the rows have
+    different samples.
 
     Attributes:
         shown: The rows by their labels, in the order given.
-        best: The one with the lowest RMSE.
+        best: The row with the lowest RMSE.
         looks: The looks of all rows given.
-        title: The record's name, and what it says where not every row is drawn.
+        title: The record's name, with a note if not every row is drawn.
     """
 
     def __init__(self, evaluations: "Evaluation | Mapping[str, Evaluation]", most: int):
@@ -98,7 +98,7 @@ class Rows:
 def unscored_spans(
     time: Samples, scored: Bool[np.ndarray, "samples"]
 ) -> Float[np.ndarray, "spans 2"]:
-    """From when to when samples are not scored.
+    """Spans of time in which samples are not scored.
 
     Gaps too narrow to be seen are left out: a record may hold tens of thousands of them.
     """
@@ -122,7 +122,7 @@ def shade_unscored(axes: Axes, time: Samples, scored: Bool[np.ndarray, "samples"
 def worst_stretch(error_v: Samples, scored: Bool[np.ndarray, "samples"]) -> slice | None:
     """The short stretch with the largest RMSE of its scored samples, the first of several.
 
-    `None` where the record is short.
+    `None` if the record is short.
     """
     length = min(STRETCH_SAMPLES, int(np.count_nonzero(scored)) // STRETCHES_PER_RECORD)
     if length < SHORTEST_STRETCH:
@@ -134,13 +134,13 @@ def worst_stretch(error_v: Samples, scored: Bool[np.ndarray, "samples"]) -> slic
 
 @style.figure_style()
 def plot_voltage(evaluations: "Evaluation | Mapping[str, Evaluation]") -> Figure:
-    """Voltage over time, measured and simulated by one circuit or by many, above the current.
+    """Voltage over time, measured and simulated by one circuit or many, above the current.
 
-    Time is on the record's own clock, in seconds below two hours. Samples that do not count towards
-    the metrics are shaded. At the right the framed stretch, magnified: the one with the largest
-    RMSE of the best row; records under 100 scored samples go without. Of more than eight rows the
-    eight with the lowest RMSE are drawn, and the title says so. Many rows are as Fig. 10 and 12 of
-    Li et al. (2023). Raises `ValueError` if they are on different samples.
+    Time is on the record's own clock, in seconds below two hours. Samples that are not scored are
+    shaded. The framed stretch is magnified at the right: the one with the largest RMSE of the best
+    row; omitted for records under 100 scored samples. Of more than eight rows the eight with the
+    lowest RMSE are drawn, and the title says so. Many rows are as in Fig. 10 and 12 of Li et al.
+    (2023). Raises `ValueError` if they are on different samples.
 
     Args:
         evaluations: A record's evaluation, or those of rows on one record, by label.
@@ -158,7 +158,7 @@ def plot_voltage(evaluations: "Evaluation | Mapping[str, Evaluation]") -> Figure
     columns = [(clock.time, clock.label, slice(None))]
     stretch = worst_stretch(rows.best.error_v, prepared.scored)
     if stretch is not None:
-        # Hours would need too many digits on so short an axis.
+        # Hours would need too many digits on such a short axis.
         origin = np.floor(clock.time[stretch.start] * 100) / 100
         label = f"Time after {origin:g} {clock.unit} [s]"
         columns.append((prepared.time_s - origin * clock.seconds, label, stretch))
@@ -203,7 +203,7 @@ def draw_rows(axes: Axes, rows: Rows, time: Samples, samples: slice, *, is_close
         if is_close:
             line.set(linestyle=look.line, marker=look.marker, markersize=3.6)
             line.set_markerfacecolor("white")
-            # Shifted from row to row, so that markers of equal answers stay visible.
+            # Offset from row to row, so that markers of equal answers stay visible.
             spacing = max(1, np.size(line.get_xdata()) // MARKERS_PER_LINE)
             line.set_markevery((spacing * number // len(rows.shown), spacing))
     axes.set_ylabel("Voltage [V]")
@@ -221,12 +221,12 @@ def _draw_current(axes: Axes, prepared: "PreparedRecord", time: Samples, samples
 def live_record(
     evaluations: "Mapping[str, Evaluation]", max_numbers: int = MAX_NUMBERS
 ) -> dict[str, Any]:
-    """Measured and simulated voltage, errors and current of one record, on one axis of time, ready
-    for JSON, as the script of a page takes them.
+    """Measured and simulated voltage, errors and current of one record, on one time axis, ready for
+    JSON, as used by a page's script.
 
-    `evaluations` are those of circuits by their labels. Every sample is held, as float32, unless
-    that takes more than `max_numbers`; then those that `decimate` keeps of any line. The first
-    column is the time since the first sample in s, `origin` that sample's own.
+    `evaluations` are those of circuits by their labels. Every sample is kept, as float32, unless
+    that takes more than `max_numbers`; then only those that `decimate` keeps for any line. The
+    first column is the time since the first sample in s, `origin` that sample's own.
     """
     rows = Rows(evaluations, MAX_VOLTAGES)
     prepared, clock = rows.prepared, Clock(rows.prepared.time_s)
@@ -266,7 +266,7 @@ def live_record(
 
 
 def enough_samples(time_s: Samples, lines: Sequence[Samples], most: int) -> Int[np.ndarray, "kept"]:
-    """Indices of all samples, or of at most about `most` with every peak of every line.
+    """Indices of all samples, or of at most about `most` including every peak of every line.
 
     >>> enough_samples(np.arange(5.0), [np.zeros(5)], 10)
     array([0, 1, 2, 3, 4])
@@ -283,7 +283,7 @@ def _live_line(label: str, column: int, color: str, width: float = 1.0, **more: 
 
 @style.figure_style()
 def plot_design(design: "Design") -> Figure:
-    """Current, voltage and state of charge over time, as a design predicts them.
+    """Current, voltage and state of charge over time, as predicted for a design.
 
     Args:
         design: A design.

@@ -57,11 +57,7 @@ GENERAL = {
     "devices": set(),
 }
 # Where what users give is read, beside the command line.
-READING = {
-    "records/source.py",
-    "schema.py",
-    "plan/document.py",
-}
+READING = {"records/source.py", "schema.py", "plan/document.py"}
 # Files within a file in memory.
 READING |= {"records/readers/content.py"}
 # The source that a program is made from, the processor, and what is kept.

@@ -12,14 +12,7 @@ from test_house import MODULES, label, nodes_of, texts_in
 # Words of choices that any code may use.
 SHARED = tomllib.loads(CODES.read_text(encoding="utf-8"))["words"].keys()
 # What makes a notice, and which of its arguments is the code.
-MAKERS = {
-    "notice": 0,
-    "at": 1,
-    "notice_at": 2,
-    "telling": 1,
-    "_spike": 1,
-    "mended": 0,
-}
+MAKERS = {"notice": 0, "at": 1, "notice_at": 2, "telling": 1, "_spike": 1, "mended": 0}
 
 
 def literals(node: ast.expr) -> list[str]:

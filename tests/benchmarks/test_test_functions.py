@@ -4,11 +4,7 @@ import jax
 import jax.numpy as jnp
 import jax.random as jr
 import pytest
-from benchmarks.li2023.test_functions import (
-    DIMS,
-    FUNCTIONS,
-    QUIET_FUNCTIONS,
-)
+from benchmarks.li2023.test_functions import DIMS, FUNCTIONS, QUIET_FUNCTIONS
 
 every_function = pytest.mark.parametrize("name", FUNCTIONS)
 

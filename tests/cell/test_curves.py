@@ -88,8 +88,7 @@ def test_the_continuous_fit_is_the_least_squares_solution_of_numpy():
     rng = np.random.default_rng(0)
     w = np.interp(W_SOC, KNOTS, AT_KNOTS_V) + 1e-3 * rng.standard_normal(len(W_SOC))
     hats = np.stack(
-        [np.interp(W_SOC, KNOTS, np.array([*unit[:3], *unit[2:]])) for unit in np.eye(5)],
-        axis=1,
+        [np.interp(W_SOC, KNOTS, np.array([*unit[:3], *unit[2:]])) for unit in np.eye(5)], axis=1
     )
     expected = np.linalg.lstsq(hats, w)[0]
     np.testing.assert_allclose(SegmentedHysteresis.fit(W_SOC, w)(NODE_SOC), expected, atol=1e-7)

@@ -209,20 +209,14 @@ FAULTS = {
         {"unit": "warning", "capacity": "warning"},
     ),
     "a discharge-positive current": (scaled(DRIVE, CURRENT, -1.0), {"sign": "warning"}),
-    "no evidence of the sign": (
-        silent_voltage(),
-        {"sign": "warning", "voltage unit": "warning"},
-    ),
+    "no evidence of the sign": (silent_voltage(), {"sign": "warning", "voltage unit": "warning"}),
     "a noisy rest": (noisy_rest(), {}),
     "an open sensor": (
         DRIVE.with_columns(pl.lit(850.0).alias(TEMPERATURE)),
         {"temperature": "warning"},
     ),
     "kelvin": (DRIVE.with_columns(pl.lit(298.15).alias(TEMPERATURE)), {"temperature": "warning"}),
-    "fahrenheit": (
-        DRIVE.with_columns(pl.lit(77.0).alias(TEMPERATURE)),
-        {"temperature": "warning"},
-    ),
+    "fahrenheit": (DRIVE.with_columns(pl.lit(77.0).alias(TEMPERATURE)), {"temperature": "warning"}),
     "two chambers": (
         DRIVE.with_columns(pl.Series(TEMPERATURE, np.where(LINES < 9840, -10.0, 25.0))),
         {"temperature": "warning"},

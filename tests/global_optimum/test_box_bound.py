@@ -10,11 +10,7 @@ from barnax.global_optimum.objective import ConstantObjective
 from barnax.global_optimum.proof import THIRD_DERIVATIVE, beyond_parabola
 from helpers.problems import drive_record
 
-BOXES = [
-    [(1.0, 1.3), (4.0, 4.5)],
-    [(0.2, 0.9), (2.0, 3.0)],
-    [(2.0, 2.1), (5.5, 5.6)],
-]
+BOXES = [[(1.0, 1.3), (4.0, 4.5)], [(0.2, 0.9), (2.0, 3.0)], [(2.0, 2.1), (5.5, 5.6)]]
 
 
 BOUNDS = {

@@ -71,12 +71,7 @@ def make_row(
     # The second of three is the median.
     ratios = [1.0] if seeds == 1 else [0.99, 1.0, *np.linspace(1.01, 1.02, seeds - 2)]
     answers = tuple(
-        Answer(
-            rmse_v=identified_v * ratio,
-            parameters=circuit,
-            evaluations=300,
-            notes=notes,
-        )
+        Answer(rmse_v=identified_v * ratio, parameters=circuit, evaluations=300, notes=notes)
         for ratio in ratios
     )
     errors = [make_errors(DRIVE, identified_v)]

@@ -9,10 +9,7 @@ from barnax.over_soc.starts import UntestedRecords
 
 
 def fit_with_ocv(
-    records: Sequence[Record],
-    circuit: str,
-    windows: Mapping[str, Window],
-    settings: TableSettings,
+    records: Sequence[Record], circuit: str, windows: Mapping[str, Window], settings: TableSettings
 ) -> FittedOcv:
     """The tables and the OCV that fit some records of one cell best, together, as a run has them
     for a circuit that is asked for."""

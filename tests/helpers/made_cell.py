@@ -14,13 +14,7 @@ SAMPLES = 6000
 # Enough for resistances that are the same at every SOC; of all nodes a fit takes twice as long.
 FEW_NODES = (0.1, 0.3, 0.5, 0.7, 0.9, 1.0)
 # Tables of two pairs as fast as they are fitted.
-SMALL = {
-    "model": "so-rc",
-    "over": "soc",
-    "seeds": 0,
-    "trust": "none",
-    "max_boxes": 0,
-}
+SMALL = {"model": "so-rc", "over": "soc", "seeds": 0, "trust": "none", "max_boxes": 0}
 
 
 def ocv_v(soc):

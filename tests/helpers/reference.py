@@ -16,13 +16,7 @@ ROWS_BEFORE = 2
 
 
 def make_record(
-    time_s,
-    current_a,
-    voltage_v=None,
-    *,
-    step=None,
-    hold: Hold = "forward",
-    name: str = "made.csv",
+    time_s, current_a, voltage_v=None, *, step=None, hold: Hold = "forward", name: str = "made.csv"
 ) -> Record:
     """A record of these samples; discharge current is positive, the first one is row 2."""
     time_s = np.asarray(time_s, float)

@@ -261,10 +261,7 @@ def test_a_circuit_that_was_asked_for_without_the_hysteresis_shown_says_so(half_
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("model", "noise_v", "pairs"),
-    [
-        ("esc", 2e-3, (R_OHM, TAU_S)),
-        ("esc+rc", 3e-4, ((0.010, 0.012, 0.014), (4.0, 40.0, 300.0))),
-    ],
+    [("esc", 2e-3, (R_OHM, TAU_S)), ("esc+rc", 3e-4, ((0.010, 0.012, 0.014), (4.0, 40.0, 300.0)))],
 )
 def test_a_hysteresis_is_chosen_under_noise_and_beside_a_third_pair(model, noise_v, pairs):
     """Of errors that are mostly noise it lowers little; and a third pair alone imitates it, with

@@ -163,11 +163,7 @@ def test_a_test_of_a_cell_of_44_ah_serves_no_small_one(scale, stays, tmp_path):
     write(tmp_path / "b.csv", drive(2.5, rest_s=60), scale=scale)
     write(tmp_path / "c.csv", slow_sweep(2.5), scale=scale)
     planned = plan(tmp_path)
-    assert roles(planned) == {
-        "a.csv": "not used",
-        "b.csv": "identification",
-        "c.csv": "OCV test",
-    }
+    assert roles(planned) == {"a.csv": "not used", "b.csv": "identification", "c.csv": "OCV test"}
     assert reason(planned, "a.csv").startswith("of a cell of 43.8 Ah, and ")
     other = plan(tmp_path, capacity=44.0)
     assert other.missing

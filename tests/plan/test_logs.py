@@ -66,12 +66,7 @@ def test_a_log_without_an_ocv_test_is_one_record_too(cut):
 
 @pytest.mark.parametrize(
     "change",
-    [
-        pl.col(VOLTAGE) + 0.02,
-        pl.col(TIME) + 5.0,
-        pl.col(TIME) - 5.0,
-        pl.col(TIME) * 2 - 9046.0,
-    ],
+    [pl.col(VOLTAGE) + 0.02, pl.col(TIME) + 5.0, pl.col(TIME) - 5.0, pl.col(TIME) * 2 - 9046.0],
     ids=["another voltage", "a gap", "an overlap", "other intervals"],
 )
 def test_what_does_not_continue_stays_apart(cut, change):

@@ -32,10 +32,7 @@ def folder(tmp_path_factory):
 def by_hand():
     window = barnax.Window(score_to_s=1500.0)
     return barnax.identify(
-        [BUNDLED.record, BUNDLED.validation],
-        ocv=BUNDLED.ocv,
-        window=window,
-        **SMALL,
+        [BUNDLED.record, BUNDLED.validation], ocv=BUNDLED.ocv, window=window, **SMALL
     )
 
 
@@ -78,10 +75,7 @@ def test_the_sampling_that_a_design_shows_is_of_its_logger_alone(tmp_path):
     ocv.write_csv(tmp_path / "ocv.csv")
     parts = (
         FileRole(
-            path=tmp_path / "test.csv",
-            name="test.csv",
-            role="identification",
-            sampling="backward",
+            path=tmp_path / "test.csv", name="test.csv", role="identification", sampling="backward"
         ),
         FileRole(path=tmp_path / "ocv.csv", name="ocv.csv", role="OCV test"),
     )

@@ -54,8 +54,7 @@ def test_a_measured_record_has_its_samples_sign_hold_and_ampere_hours(real_data,
 
 
 @pytest.mark.parametrize(
-    "raw",
-    [pytest.param(each, marks=[pytest.mark.slow] if "50SOC" in each else []) for each in RAW],
+    "raw", [pytest.param(each, marks=[pytest.mark.slow] if "50SOC" in each else []) for each in RAW]
 )
 def test_an_original_file_gives_the_record_made_from_it(real_data, raw):
     original = read_record(real_data / "raw" / raw)

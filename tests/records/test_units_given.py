@@ -21,10 +21,7 @@ def scaled(column, factor, name=None):
 
 
 # A column whose values look like another unit's, and by how much they are out.
-DOUBTED = {
-    "time": (TIME, 1 / 3600, "s"),
-    "current": (CURRENT, 1e3, "A"),
-}
+DOUBTED = {"time": (TIME, 1 / 3600, "s"), "current": (CURRENT, 1e3, "A")}
 
 
 @pytest.mark.parametrize("quantity", DOUBTED)
@@ -78,8 +75,7 @@ ALL_BARE = "`columns='time=Time:UNIT,current=Current:UNIT,voltage=Voltage:UNIT'`
 
 
 @pytest.mark.parametrize(
-    "units",
-    [(60, 1e-3, 1), (3600, 1e-3, 1), (1, 1e-3, 1e-3), (60, 1, 1e-3), (60, 1e-3, 1e-3)],
+    "units", [(60, 1e-3, 1), (3600, 1e-3, 1), (1, 1e-3, 1e-3), (60, 1, 1e-3), (60, 1e-3, 1e-3)]
 )
 def test_several_units_that_are_missing_are_one_question(units):
     # Twenty amperes, so that they are no cell's where they are milliamperes.
@@ -184,8 +180,7 @@ SECONDS = np.arange(160) * 4.0
 
 
 @pytest.mark.parametrize(
-    ("unit_s", "unit_a", "option"),
-    [(1e-3, 1.0, "time=Time:ms"), (1.0, 1e-3, "current=current:mA")],
+    ("unit_s", "unit_a", "option"), [(1e-3, 1.0, "time=Time:ms"), (1.0, 1e-3, "current=current:mA")]
 )
 def test_a_counter_without_a_unit_does_not_vouch_for_the_others(unit_s, unit_a, option):
     """Ten samples a second in ms, or a load in mA, beside a counter in mAh: the product agrees."""

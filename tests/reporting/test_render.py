@@ -15,23 +15,10 @@ from matplotlib.figure import Figure
 
 import barnax
 from barnax.plots import column_width, plot_ocv
-from barnax.reporting.document import (
-    Bullets,
-    Head,
-    Page,
-    Paragraph,
-    Picture,
-    ReportTable,
-    Section,
-)
+from barnax.reporting.document import Bullets, Head, Page, Paragraph, Picture, ReportTable, Section
 from barnax.reporting.identification import identification_document
 from barnax.reporting.illustrations import identification_illustrations
-from barnax.reporting.render import (
-    escape_markdown,
-    paper_files,
-    to_html,
-    to_markdown,
-)
+from barnax.reporting.render import escape_markdown, paper_files, to_html, to_markdown
 from helpers.hostile import EXAMPLES, LETTERS, names, repeated
 from helpers.report_reader import ReportReader
 

@@ -63,8 +63,7 @@ def test_the_band_is_that_of_the_binomial_distribution(benchmark):
     ("circuit", "noise"),
     [
         pytest.param(
-            *case,
-            marks=pytest.mark.xfail(strict=True, reason=OFF[case]) if case in OFF else (),
+            *case, marks=pytest.mark.xfail(strict=True, reason=OFF[case]) if case in OFF else ()
         )
         for case in product(range(2), range(4))
     ],

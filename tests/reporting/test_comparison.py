@@ -11,7 +11,6 @@ from barnax import ComparisonResult, Evaluation, evaluate
 from barnax.reporting.comparison import (
     comparison_document,
     on_records,
-    refined_circuits,
     shown_differences,
     verdict_facts,
 )
@@ -147,7 +146,7 @@ def tables() -> dict[str, ReportTable]:
         make_difference("a so-rc", "c so-rc", (-3.0, -1.0), record=CITY),
     )
     timed = compared(make_row("a so-rc", 20.0, optimality_gap=0.021), alone)
-    own, refined = blocks("comparison.parameters", models, refined_circuits(models))
+    own, refined = blocks("comparison.parameters", models)
     of_first = on_records(differences)[0]
     return {
         "parameters, with what not every model has last": own,

@@ -4,20 +4,17 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
 
-from ..global_optimum.search import optimality_gap
 from ..search.answers import SAME_RMSE
 from .document import Page, Picture
 from .identification import search_boxes
 from .illustrations import record_roles
 from .view import View
 from .wording import document
-from .words import gathered, symbol
 
 if TYPE_CHECKING:
     from ..comparison import ComparisonResult
     from ..comparison.result import Difference, RecordErrors
     from ..results import Result
-    from ..search.answers import RefinedSeed
 
 # With more pairs than this, only those with the leader or of one method are shown.
 ALL_PAIRS = 15
@@ -38,10 +35,8 @@ def comparison_document(
     facts, view = verdict_facts(result), View(cast("Result", result))
     records = facts["records"]
     facts |= {
-        "result": result,
         "view": view,
         "boxes_of": search_boxes(result.models),
-        "refined": refined_circuits(result),
         "differences": [shown_differences(result, on) for on in records],
         "seconds": seconds or {},
         "sources": {row.method: row.source for row in result.rows},
@@ -98,10 +93,10 @@ def on_records(result: "ComparisonResult") -> list[RecordFindings]:
 
 
 def verdict_facts(result: "ComparisonResult") -> dict[str, Any]:
-    """What the verdict is made of: the rows on each record, the effect of each model against the
-    plainest, by the best method that ran both, the global optima, and what ended at a bound."""
-    rows, records = result.answered, on_records(result)
-    present = list(dict.fromkeys(row.model for row in rows))
+    """What the verdict is made of: the rows on each record, and the effect of each model against
+    the plainest, by the best method that ran both."""
+    records = on_records(result)
+    present = list(dict.fromkeys(row.model for row in result.answered))
     plain = BASE if BASE in present or not present else present[0]
     changes = {}
     for rich in (model for model in present if model != plain):
@@ -109,20 +104,8 @@ def verdict_facts(result: "ComparisonResult") -> dict[str, Any]:
         pair = f"{method} {plain}", f"{method} {rich}"
         effects = [] if method is None else [_effect(on, *pair) for on in records]
         changes[rich] = {"method": method, "effects": effects}
-    models = {name: result.models[name] for name in present}
-    at_bound = (
-        (f"{symbol(b.name)} at its {b.side} bound", row.name) for row in rows for b in row.at_bound
-    )
-    return {
-        "rows": result.rows,
-        "answered": len(rows),
-        "records": records,
-        "plain": plain,
-        "changes": changes,
-        "models": models,
-        "unknown": [name for name, model in models.items() if model.optimum is None],
-        "at_bound": gathered(at_bound),
-    }
+    facts = {"result": result, "records": records, "plain": plain, "changes": changes}
+    return facts | {"models": {name: result.models[name] for name in present}}
 
 
 def _best_of_both(on: RecordFindings, plain: str, rich: str) -> str | None:
@@ -142,18 +125,6 @@ def _effect(on: RecordFindings, plain: str, rich: str) -> dict[str, Any]:
     if is_chance or abs(change_v) <= SAME_RMSE * plain_v:
         kind = "same"
     return {"on": on, "change_v": change_v, "kind": kind}
-
-
-def refined_circuits(result: "ComparisonResult") -> dict[str, tuple["RefinedSeed", float | None]]:
-    """Every row's median seed after Levenberg-Marquardt, where any was refined, and how far its
-    error is above the optimum's."""
-    refined = {}
-    for row in result.answered:
-        if row.refined is not None:
-            optimum = result.models[row.model].optimum
-            gap = None if optimum is None else optimality_gap(row.refined.rmse_v, optimum.rmse_v)
-            refined[row.name] = row.refined, gap
-    return refined
 
 
 def shown_differences(result: "ComparisonResult", on: RecordFindings) -> "list[Difference]":

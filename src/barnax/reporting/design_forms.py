@@ -97,55 +97,30 @@ def pybamm_steps(design: "Design") -> list[str]:
 
 def pybamm_script(design: "Design") -> str:
     """The same as a module with the experiment."""
-    steps = "\n".join(f'    "{step}",' for step in pybamm_steps(design))
-    before = wording("design.before", design)
-    return rendered("experiment", before=before, emptying=EMPTYING, steps=steps)
+    facts = {"steps": pybamm_steps(design), "before": wording("design.before", design)}
+    return rendered("experiment", emptying=EMPTYING, **facts)
 
 
 def procedure(design: "Design") -> str:
     """The test in lines that are typed into a cycler's editor; what has many steps is run from a
     profile."""
-    limits, most_h = design.limits, hours_of([*map(longest, design.steps)])
-    most = f" expected, {most_h:.2f} h at most" if most_h > design.hours else ""
-    lines = [
-        f"Test of a cell of {design.capacity_ah:g} Ah, {design.hours:.2f} h{most}",
-        f"Stop the test below {limits.low_v:g} V or above {limits.high_v:g} V. Log every second.",
-        f"Before: {wording('design.before', design)}",
-        "",
-    ]
-    second, row = 0, 1
-    for number, (name, piece) in enumerate(design.pieces, 1):
-        seconds, count = round(sum(longest(step).duration_s for step in piece)), len(piece)
-        steps = list(_merged(piece))
+    pieces, second, row = [], 0, 1
+    for name, piece in design.pieces:
+        steps, end_s = [*_merged(piece)], second + round(3600 * hours_of([*map(longest, piece)]))
         # As many steps as are repeated to the end.
         unit = next(n for n in range(1, len(steps) + 1) if steps == steps[:n] * (len(steps) // n))
-        what = "; ".join(map(_line, steps[:unit]))
-        if unit < len(steps):
-            what = f"{len(steps) // unit} times ({what})"
-        if unit > LONGEST_LINE:
-            rows = f"seconds {second} to {second + seconds - 1} of profile.csv"
-            what = f"{rows}, or steps {row} to {row + count - 1} of steps.csv"
-        if name == EMPTYING:
-            what = (
-                f"discharge {steps[0].current_a:.4g} A until {limits.low_v:g} V, {seconds} s at "
-                f"most, then go on (second {second + seconds} of profile.csv)"
-            )
-        piece_name = "" if what.startswith(name) else f"{name}: "
-        lines.append(f"{number:3d}  {piece_name}{what}")
-        second, row = second + seconds, row + count
-    return "\n".join(lines) + "\n"
+        facts = {"name": name, "seconds": (second, end_s), "rows": (row, row + len(piece) - 1)}
+        pieces.append(facts | {"steps": steps[:unit], "times": len(steps) // unit})
+        second, row = end_s, row + len(piece)
+    facts = {"design": design, "pieces": pieces, "before": wording("design.before", design)}
+    facts |= {"most_h": hours_of([*map(longest, design.steps)]), "mode": _mode}
+    return rendered("procedure", emptying=EMPTYING, longest=LONGEST_LINE, **facts)
 
 
 def _merged(steps: "Sequence[Step]") -> "Iterator[Step]":
     """The steps, neighboring rests as one."""
-    for is_rest, group in groupby(steps, lambda step: _mode(step) == "rest"):
+    for mode, group in groupby(steps, _mode):
         alike = list(group)
-        if is_rest:
+        if mode == "rest":
             alike = [replace(alike[0], duration_s=sum(step.duration_s for step in alike))]
         yield from alike
-
-
-def _line(step: "Step") -> str:
-    mode = _mode(step)
-    current = "" if mode == "rest" else f" {abs(step.current_a):.4g} A"
-    return f"{mode}{current} {step.duration_s:g} s"

@@ -6,9 +6,6 @@ from functools import cached_property
 from itertools import chain, takewhile
 from typing import TYPE_CHECKING, Any, Literal
 
-from ..cell import CircuitParameters
-from ..cell.elements import names_of
-
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -79,27 +76,6 @@ class ReportTable:
         for row in self.rows:
             if len(row) != len(self.columns):
                 raise ValueError(f"a row of {len(row)} cells under {len(self.columns)} columns")
-
-
-def readable(parameters: Mapping[str, float]) -> dict[str, float]:
-    """Resistances in mOhm, capacitances in F and time constants in s, by a name with its unit.
-
-    `parameters` are PyBaMM's names, as `result.json` holds them.
-
-    >>> readable({"R0 [Ohm]": 0.05, "R1 [Ohm]": 0.02, "C1 [F]": 500.0})
-    {'R0 [mOhm]': 50.0, 'R1 [mOhm]': 20.0, 'C1 [F]': 500.0, 'tau1 [s]': 10.0}
-    """
-    circuit = CircuitParameters.from_dict(parameters)
-    values = {"R0 [mOhm]": 1e3 * circuit.r0}
-    pairs = zip(names_of(circuit.elements), circuit.r, circuit.c, circuit.tau_s, strict=True)
-    for names, r, c, tau_s in pairs:
-        values[names.resistance.replace("[Ohm]", "[mOhm]")] = 1e3 * r
-        if names.capacitance is not None:
-            values[names.capacitance] = c
-        values[names.tau] = tau_s
-    if circuit.gamma is not None:
-        values["gamma [1/SOC]"] = circuit.gamma
-    return values
 
 
 def parameter_heads(circuits: Mapping[str, Mapping[str, float]]) -> list[str]:

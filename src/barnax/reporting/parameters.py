@@ -18,15 +18,10 @@ from .document import Page
 from .render import to_fragment
 from .wording import document
 from .words import (
-    NOT_DETERMINED,
-    degrees,
     gathered,
-    interval_beside,
-    joined,
     percent,
     soc_extent,
     symbol,
-    with_unit,
 )
 
 if TYPE_CHECKING:
@@ -167,16 +162,6 @@ def _key(fact: Fact, result: Result, mean_soc: tuple[float, float] | None, are_a
     return fact.label, where, of
 
 
-def _words(fact: Fact) -> str:
-    """A number with its interval; NaN is not determined."""
-    if math.isnan(fact.value):
-        return NOT_DETERMINED
-    value = with_unit(fact.name, fact.value)
-    if not fact.is_assessed:
-        return value
-    return f"{value} ({interval_beside(value, fact)})"
-
-
 def _title(fact: Fact) -> str:
     """The symbol of a number, and its SOC where it has one."""
     return symbol(fact.label) + ("" if fact.soc is None else f" at {percent(fact.soc)} SOC")
@@ -274,9 +259,7 @@ def show(*results: Result | str | Path, names: tuple[str, ...] = ()) -> SideBySi
         results=dict(zip(names, shown, strict=True)),
         keys=dict.fromkeys(key for facts in quantities.values() for key in facts),
         quantities=quantities,
-        temperature=_temperature,
-        words=_words,
-        change=_change,
+        compare=compare,
         names=names,
         beyond=differing,
         wide={name: _by_symbol(alike) for name, alike in changes.items()},
@@ -313,21 +296,3 @@ def _names(results: list[Result]) -> tuple[str, ...]:
     if len({*names}) == len(names):
         return tuple(names)
     return tuple(f"{number}: {name}" for number, name in enumerate(names, 1))
-
-
-def _temperature(result: Result) -> str:
-    degc = result.fits.reference_degc
-    if degc is not None:
-        return f"tables at {degrees(degc)}"
-    measured = (degrees(at) for _, at in result.measured_at if at is not None)
-    return joined(list(dict.fromkeys(measured)))
-
-
-def _change(first: Mapping[Key, Fact], other: Mapping[Key, Fact], key: Key) -> str:
-    """The change of a parameter, and what the intervals tell of it; empty where one lacks it."""
-    if key not in first or key not in other or not first[key].value:
-        return ""
-    ratio = other[key].value / first[key].value
-    if math.isnan(ratio):
-        return ""
-    return f"{100 * (ratio - 1):+.3g} %, {compare(first[key], other[key])}"

@@ -45,7 +45,6 @@ from .document import (
     Section,
     column,
     parameter_heads,
-    readable,
 )
 
 MARKS = "=#-!:&^~|"
@@ -210,8 +209,7 @@ def _templates() -> Environment:
         finalize=_in_one_cell,
     )
     functions = {name: value for name, value in vars(words).items() if isfunction(value)}
-    functions |= {"median": median, "alike": alike}
-    functions |= {"readable": readable, "parameter_heads": parameter_heads}
+    functions |= {"median": median, "alike": alike, "parameter_heads": parameter_heads}
     templates.filters |= {
         **functions,
         "lines": Made,

@@ -9,6 +9,7 @@ from ..cell.parameters import RATE
 from ..errors import counted as counted
 
 if TYPE_CHECKING:
+    from ..cell import CircuitParameters
     from ..metrics import Metrics
     from ..over_soc.cross_validation import SocErrors
     from ..over_soc.node_interval import NodeInterval
@@ -179,11 +180,11 @@ def minima_reach() -> str:
     return f"less than {percent(FACTOR - 1)} above the best one"
 
 
-def above(rmse_v: float, optimum_v: float) -> str:
-    """The distance of an RMSE above that of the optimum."""
-    from ..global_optimum.search import optimality_gap
+def optimality_gap(rmse_v: float, optimum_v: float) -> float:
+    """The distance of an RMSE above that of the optimum, as a share."""
+    from ..global_optimum import search
 
-    return percent(optimality_gap(rmse_v, optimum_v))
+    return search.optimality_gap(rmse_v, optimum_v)
 
 
 def errors_words(errors: "SocErrors | Metrics | None") -> str:
@@ -271,7 +272,22 @@ def in_milliohm(name: str) -> tuple[str, float]:
     >>> in_milliohm("R1 [Ohm]"), in_milliohm("C1 [F]")
     (('R1 [mOhm]', 1000.0), ('C1 [F]', 1.0))
     """
-    return (name.replace("[Ohm]", "[mOhm]"), 1e3 if name.endswith("[Ohm]") else 1.0)
+    head = "gamma [1/SOC]" if name == RATE else name.replace("[Ohm]", "[mOhm]")
+    return head, 1e3 if name.endswith("[Ohm]") else 1.0
+
+
+def readable(circuit: "CircuitParameters") -> dict[str, float]:
+    """The numbers of a constant circuit, resistances in mOhm, by names with their units.
+
+    >>> from barnax import CircuitParameters
+    >>> readable(CircuitParameters.constant(r0=0.05, r=(0.02,), c=(500.0,)))
+    {'R0 [mOhm]': 50.0, 'R1 [mOhm]': 20.0, 'C1 [F]': 500.0, 'tau1 [s]': 10.0}
+    """
+    # It comes with JAX, which a check of files does without.
+    from ..uncertainty.covariance import named_values
+
+    scaled = ((in_milliohm(name), value) for name, value in named_values(circuit).items())
+    return {head: factor * value for (head, factor), value in scaled}
 
 
 def with_unit(name: str, value: float) -> str:

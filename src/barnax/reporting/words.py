@@ -304,11 +304,6 @@ def seconds(time_s: float) -> str:
     return with_unit("time [s]", time_s)
 
 
-def ohms(values_ohm: Iterable[float]) -> str:
-    """Resistances as they are read."""
-    return joined([with_unit("R [Ohm]", value) for value in values_ohm])
-
-
 def times(log_step: float) -> str:
     """A factor; beyond `WIDEST_FACTOR` nothing is known of its size."""
     # It comes with JAX, which a check of files does without.

@@ -10,9 +10,8 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 DOCS = Path(__file__).parents[1] / "docs"
 HEAD = """# Notices
 
-What does a warning mean, and how does a program act on it? Every warning, finding of a check and
-refusal has a code, in `InputError.code` or a `barnax.Notice`: `result.warnings`, `result.notes` and
-the findings of `barnax.check_file` are notices, which print as their sentence. `result.json` and
+What does a warning mean, and how does a program act on it? Every warning, finding and refusal has a
+code, in `InputError.code` or a `barnax.Notice`, which prints as its sentence. `result.json` and
 `barnax check --json` hold code, file, row, numbers and words; a fleet's dataset has the columns
 `warning codes` and `error code`.
 

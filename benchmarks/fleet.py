@@ -183,7 +183,7 @@ def measure_stages(count: str) -> dict:
     from importlib import import_module
 
     from barnax import bundled_file
-    from barnax.fleet import cell_of
+    from barnax.fleet import fleet_cell_from_row
     from barnax.fleet.rows import identify_rows
 
     spent: dict[str, float] = {}
@@ -203,7 +203,9 @@ def measure_stages(count: str) -> dict:
         caller = import_module(module)
         setattr(caller, function, timed(name, getattr(caller, function)))
     ocv = [str(bundled_file(name)) for name in ("ocv_charge", "ocv_discharge")]
-    cell = cell_of({"id": "bundled", "records": str(bundled_file("identification")), "ocv": ocv})
+    cell = fleet_cell_from_row(
+        {"id": "bundled", "records": str(bundled_file("identification")), "ocv": ocv}
+    )
     whole = timed("whole cell", identify_rows)
     found: dict[str, list[float]] = {}
     for turn in range(int(count)):
@@ -217,12 +219,12 @@ def measure_stages(count: str) -> dict:
 
 def measure_resuming(folder: str) -> dict:
     """A fleet whose cells are all done: what finding that out takes."""
-    from barnax.fleet import cell_of, identify_fleet
+    from barnax.fleet import fleet_cell_from_row, identify_fleet
     from barnax.fleet.dataset import dataset_path, read_rows, write_rows
 
     record = next(Path(folder).glob("*.parquet"))
     tracemalloc.start()
-    cells = [cell_of({"id": f"{n}", "records": str(record)}) for n in range(FINISHED)]
+    cells = [fleet_cell_from_row({"id": f"{n}", "records": str(record)}) for n in range(FINISHED)]
     cell_bytes = tracemalloc.get_traced_memory()[0] / FINISHED
     tracemalloc.stop()
     with tempfile.TemporaryDirectory() as out:

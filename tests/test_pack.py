@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 
 from barnax import CircuitParameters, InputError, TableSettings, Window, identify_pack
-from barnax.fleet.manifest import cell_of
+from barnax.fleet.manifest import fleet_cell_from_row
 from barnax.fleet.rows import identify_rows
 from barnax.model.prepared import prepare_record
 from barnax.over_soc.pack import fit_pack
@@ -136,7 +136,7 @@ def test_a_fleet_has_a_row_for_every_cell_and_one_for_the_pack(voltages, tmp_pat
     frame(voltages[0][:3000, :3], voltages[1][:3000]).write_csv(tmp_path / "pack.csv")
     ocv_table().write_csv(tmp_path / "ocv.csv")
     given = {"id": "P1", "records": "pack.csv", "ocv": "ocv.csv", "pack_cells": "V*"}
-    cell = cell_of({**given, "capacity": 5.0, "initial_soc": START, "car": 7}, tmp_path)
+    cell = fleet_cell_from_row({**given, "capacity": 5.0, "initial_soc": START, "car": 7}, tmp_path)
     settings = {"seeds": 0, "keep_factors": "constants", "max_boxes": 0, "folds": 0}
     rows = identify_rows(cell, settings, tmp_path / "out")
     assert [row["error"] for row in rows] == [None] * 4

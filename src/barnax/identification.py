@@ -191,7 +191,7 @@ def _candidates(setup: Setup, result: Result) -> tuple[Candidate, ...]:
     crossed = result.fit.cross_validation if fits.over_temperature is None else None
     answer = Candidate.of(result, crossed.tables if crossed else None, True)
     # Without an OCV test the constant circuit has an OCV that is fitted to the tables.
-    return (answer,) if setup.is_alone else (of_constant, answer)
+    return (answer,) if setup.has_fitted_ocv else (of_constant, answer)
 
 
 def _assessed(

@@ -28,7 +28,7 @@ from .records.source import STDIN, STDIN_NAME
 from .settings import OVER_TEMPERATURE, Reading, Window
 
 # Records and their temperatures.
-Measured = Sequence[tuple[str, float | None]]
+RecordTemperatures = Sequence[tuple[str, float | None]]
 # What a data frame is called, and where another is beside it.
 FRAME = "data frame"
 _FRAMES = {"OCV test": "OCV data frame", "validation": "validation data frame"}
@@ -142,7 +142,7 @@ def warnings_about(
     capacity_ah: float | None,
     window: Windows,
     reading: Reading,
-    identified: Measured = (),
+    identified: RecordTemperatures = (),
 ) -> list[Notice]:
     """Warnings of the checks about the files, by themselves and against each other.
 
@@ -151,24 +151,24 @@ def warnings_about(
     warnings, kinds, charges = list[Notice](), dict[str, Kind](), set[str]()
     degc: dict[bool, list[tuple[str, float | None]]] = {True: [], False: []}
     for file in files:
-        role, source, taken = file.role, file.source, file.content
-        if source is None or isinstance(taken, OcvTable):
+        role, source, content = file.role, file.source, file.content
+        if source is None or isinstance(content, OcvTable):
             continue
         is_test = role == "OCV test"
         # A record's ampere-hours are judged by the capacity that it is simulated with.
         limits = window_of(window, source.name)
-        record_cell = cell if is_test else cell.at(temperature_of(taken, limits))
+        record_cell = cell if is_test else cell.at(temperature_of(content, limits))
         record_ah = limits.capacity_ah or capacity_ah
         record_ah = record_ah or (None if is_test else record_cell.capacity_ah)
         check = check_file(
-            source if is_test else _simulated(source, taken, limits),
+            source if is_test else _simulated(source, content, limits),
             capacity_ah=record_ah,
             rest_current_a=limits.rest_current_a,
             **reading.of_record(source.name, role),
         )
         if not is_test:
             # That the OCV test is of another cell may be why the file seems at fault.
-            against = compare_with_cell(taken, record_cell, record_ah)
+            against = compare_with_cell(content, record_cell, record_ah)
             if not limits.is_chosen:
                 raise_first_error(against, check.file)
             warnings += [warning.about(check.file) for warning in against]
@@ -202,7 +202,7 @@ def _simulated(source: Source, record: Record, window: Window) -> Source:
     return replace(source, span_s=(float(record.time_s[first]), float(record.time_s[last])))
 
 
-def telling(warnings: Sequence[Notice]) -> AbstractContextManager[None]:
+def with_warnings_in_errors(warnings: Sequence[Notice]) -> AbstractContextManager[None]:
     """Put what the checks found behind an `InputError`, as it may be its cause."""
     lines = [f"warning: {each}" for each in warnings]
     return naming("", lambda text: "\n".join((text, *lines)))

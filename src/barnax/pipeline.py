@@ -17,7 +17,7 @@ from .checks.roles import are_unfit
 from .execution import unwatched
 from .global_optimum.search import with_better_directions, without_sweep_drop
 from .identification import search_and_assess
-from .inputs import Inputs, read_inputs, telling, windows_of
+from .inputs import Inputs, read_inputs, windows_of, with_warnings_in_errors
 from .job import Job, takes_options, windows_by_name
 from .model.prepared import PreparedRecord
 from .model.problem import Problem
@@ -87,7 +87,7 @@ def _identified(job: Job, of_plan: Sequence[Notice] = ()) -> Result:
     inputs = read_inputs(job, fit_ocv)
     of_ocv = () if inputs.fitted_ocv is None else inputs.fitted_ocv.warnings
     inputs = replace(inputs, warnings=(*of_plan, *inputs.warnings, *of_ocv))
-    with telling(inputs.warnings), job.watch("Choosing the circuit", 0):
+    with with_warnings_in_errors(inputs.warnings), job.watch("Choosing the circuit", 0):
         prepare = with_ocv_test if inputs.fitted_ocv is None else _with_fitted_ocv
         inputs, windows, first = prepare(job, inputs)
         setup = set_up(first, inputs, windows, job)

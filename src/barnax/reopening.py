@@ -13,7 +13,7 @@ from typing import Any
 
 from .bundled import BUNDLED
 from .errors import InputError
-from .inputs import source_of, telling
+from .inputs import source_of, with_warnings_in_errors
 from .metrics import Metrics
 from .model.prepared import prepare_record
 from .model.window import Window
@@ -174,7 +174,7 @@ def validated(stored: Result, record: Given, window: Window | None, reading: Rea
     for part in stored.of_role("identification"):
         if part.sha256 == measured.sha256 or (part.fingerprint and content.holds(part.fingerprint)):
             warnings.append(Notice("role.same-record", {"other": part.name}, measured.name))
-    with telling(warnings):
+    with with_warnings_in_errors(warnings):
         prepared = prepare_record(measured, stored.cell, stored.model, window)
     by_circuit = stored.fits.evaluate
     evaluation = with_registered(evaluate_from_either(prepared, by_circuit), by_circuit)

@@ -192,7 +192,7 @@ def replay_soc(
         degc = require_temperature(prepared)
     if degc is not None:
         used = used.at_temperature(degc)
-    prepared = prepared.following(used.circuit_parameters.dependence)
+    prepared = prepared.with_dependence(used.circuit_parameters.dependence)
     warnings += no_temperature(prepared, used.fits)
     capacity_ah = prepared.capacity_ah
     model = model_of(used, settings.estimate, capacity_ah)

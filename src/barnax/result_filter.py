@@ -106,7 +106,7 @@ def axis_sd_of(result: Result, capacity_ah: float) -> float:
     return float(np.hypot(FULL_SD, max(off, default=0.0) / np.sqrt(3)))
 
 
-def errors_of(result: Result) -> ErrorModel:
+def error_model_of(result: Result) -> ErrorModel:
     """The error model of an identification.
 
     White and lasting parts are multiples of the residuals in a tenth of SOC. The bias is that of
@@ -169,7 +169,7 @@ def model_of(
     between 2 and 50 %. Raises `InputError` for one that the circuit does not have, and for a result
     without an assessment.
     """
-    errors, cell = errors_of(result), result.cell_at()
+    errors, cell = error_model_of(result), result.cell_at()
     if capacity_ah is not None:
         cell = replace(cell, capacity_ah=capacity_ah)
         errors = replace(errors, axis_sd=axis_sd_of(result, capacity_ah))

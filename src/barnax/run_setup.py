@@ -23,20 +23,20 @@ from .model.search_space import Range
 from .model.window import Window
 from .notices import Notice
 from .over_soc.certificate import certify
-from .over_soc.fit import fit_of
+from .over_soc.fit import assemble_fit
 from .over_soc.fits import TableFits
 from .over_soc.fitted_ocv import FittedOcv, compare_ocv, fit_temperatures_with_ocv, prove_with_ocv
 from .over_soc.problem import find_best, reduced_objective
 from .over_soc.registration import (
     ROUNDS,
     SETTLED,
-    counted_alike,
     register,
-    register_alone,
+    register_on_ocv_test,
+    with_common_capacity,
     with_start,
 )
 from .over_soc.settings import TableSettings
-from .over_soc.starts import Starts, UntestedRecords
+from .over_soc.starts import RecordsWithoutOcvTest, Starts
 from .over_soc.temperature import fit_temperatures, group_by_temperature
 from .records import Record
 from .select.choose import Choice, Fitted, Tried, choose
@@ -137,7 +137,7 @@ class Setup:
         fit: Fits and proves the tables that are the answer; None if a constant circuit is.
         records: The records that these are of.
         tried: What was tried.
-        is_alone: Whether the constant circuit has an OCV that was fitted with these tables.
+        has_fitted_ocv: Whether the constant circuit has an OCV that was fitted with these tables.
     """
 
     problem: Problem
@@ -145,7 +145,7 @@ class Setup:
     fit: Callable[[], TableFits] | None = None
     records: Sequence[PreparedRecord] = ()
     tried: tuple[Tried, ...] = ()
-    is_alone: bool = False
+    has_fitted_ocv: bool = False
 
 
 def asks_for_constant(job: Job) -> bool:
@@ -173,7 +173,7 @@ def set_up(first: Problem, inputs: Inputs, windows: Mapping[str, Window], job: J
     _ = validation(first.circuit)
     if fitted is not None:
         of_ocv = first.prepared_records, fitted.tried
-        return Setup(first, validation, lambda: fitted.fits, *of_ocv, is_alone=True)
+        return Setup(first, validation, lambda: fitted.fits, *of_ocv, has_fitted_ocv=True)
     if job.over == OVER_TEMPERATURE:
         groups = group_by_temperature(first.prepared_records)
         fit = partial(fit_temperatures, groups, tables)
@@ -208,7 +208,7 @@ def set_up(first: Problem, inputs: Inputs, windows: Mapping[str, Window], job: J
 def _proved(chosen: Fitted) -> TableFits:
     """The tables that were chosen, proved, with what a fitted OCV is beside the test's."""
     objective = chosen.objective
-    fit = fit_of(objective, certify(objective, chosen.best))
+    fit = assemble_fit(objective, certify(objective, chosen.best))
     compared = compare_ocv(objective.prepared_records, fit, objective.settings)
     return TableFits((replace(fit, ocv_compared=compared),), settings=objective.settings)
 
@@ -242,7 +242,9 @@ def register_all(job: Job, records: Sequence[PreparedRecord]) -> list[PreparedRe
         else replace(one, circuit=circuit).in_window(one.window.unregistered)
         for one in records
     ]
-    by_test = counted_alike(alone, [register_alone(prepared, tables) for prepared in alone])
+    by_test = with_common_capacity(
+        alone, [register_on_ocv_test(prepared, tables) for prepared in alone]
+    )
     return register(by_test, tables) if asks_for_constant(job) and by_test[1:] else by_test
 
 
@@ -274,7 +276,7 @@ def fit_ocv(job: Job, records: Sequence[Record]) -> FittedOcv:
             raise Notice("ocv-test.missing", {"asked": what}).error()
     windows = {record.name: window_of(job.window, record.name).unregistered for record in records}
     tables = bounded_tables(job)
-    untested = UntestedRecords.of(records, windows, tables, job.capacity)
+    untested = RecordsWithoutOcvTest.of(records, windows, tables, job.capacity)
     if job.over == OVER_TEMPERATURE:
         return fit_temperatures_with_ocv(untested, job.model or "so-rc")
     over_soc = None if job.model is None and job.over is None else job.over is not None
@@ -289,13 +291,13 @@ def fit_ocv(job: Job, records: Sequence[Record]) -> FittedOcv:
     chosen, point = choice.chosen, choice.chosen.point
     if len(records) > 1 and point.circuit not in starts:
         # The others' starts are those at which this circuit fits best.
-        prepared = [one.following(point.law) for one in prepare(point.circuit)]
+        prepared = [one.with_dependence(point.law) for one in prepare(point.circuit)]
         objective = reduced_objective(prepared, chosen.objective.settings)
         chosen = Fitted(point, objective, find_best(objective), chosen.loss)
     # The starts of circuits with such a hysteresis are those of one of them.
     alike = (circuit for circuit in starts if get_circuit(circuit).has_rate == point.has_rate)
-    begun = starts[point.circuit if point.circuit in starts else next(alike)]
-    proved = prove_with_ocv(untested, chosen.objective, chosen.best, begun)
+    chosen_starts = starts[point.circuit if point.circuit in starts else next(alike)]
+    proved = prove_with_ocv(untested, chosen.objective, chosen.best, chosen_starts)
     warnings = (*proved.warnings, *_left_out(choice))
     return replace(proved, tried=choice.tried, warnings=warnings)
 

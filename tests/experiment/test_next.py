@@ -15,7 +15,7 @@ from barnax.cli.identify import _sampled_by
 from barnax.experiment import Step
 from barnax.experiment.information import before_of
 from barnax.experiment.prior import prior_of
-from barnax.experiment.protocol import sampled, window_of
+from barnax.experiment.protocol import sampled, voltage_limits_of
 from barnax.model.window import Window
 from barnax.plan import FileRole, Plan, plan_from_toml, plan_to_toml
 from barnax.reporting.design import design_screen, reached_half
@@ -182,14 +182,17 @@ def test_voltages_are_those_of_a_chemistry_or_the_narrower_where_no_full_cell_sh
     ends_v, window_v
 ):
     for chemistry, usual_v in (("nmc", (2.5, 4.2)), ("lfp", (2.0, 3.65))):
-        assert window_of(prior_of(None, 2.0, chemistry).cell) == usual_v
+        assert voltage_limits_of(prior_of(None, 2.0, chemistry).cell) == usual_v
     soc = np.linspace(0.1, 0.5, 9)
     points = tuple(
         OcvPoint(float(at), float(volts), "a.csv", row=0, rest_s=0.0)
         for at, volts in zip(soc, np.linspace(*ends_v, len(soc)), strict=True)
     )
     table = OcvTable("a.csv", {0: points}, sha256="")
-    assert window_of(characterize([table], capacity_ah=2.0, ocv_fit="interpolated")) == window_v
+    assert (
+        voltage_limits_of(characterize([table], capacity_ah=2.0, ocv_fit="interpolated"))
+        == window_v
+    )
 
 
 def test_another_capacity_leaves_the_largest_currents_in_ampere():

@@ -64,7 +64,7 @@ def test_without_corrections_it_simulates_tables_and_what_they_follow(circuit, f
     expected_v = simulate_circuit(prepared, tables)
     if followed is not None:
         assert np.abs(open_loop(model, prepared) - expected_v).max() > 1e-3
-        prepared = prepared.following(followed)
+        prepared = prepared.with_dependence(followed)
     assert np.abs(open_loop(model, prepared) - expected_v).max() < GRID_V
 
 

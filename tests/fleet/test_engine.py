@@ -12,7 +12,7 @@ import pytest
 from barnax import InputError, Window, characterize, make_problem, read_record
 from barnax.bundled import BUNDLED
 from barnax.execution import AtOnce
-from barnax.fleet import FleetCell, cell_of, identify_fleet, read_manifest
+from barnax.fleet import FleetCell, fleet_cell_from_row, identify_fleet, read_manifest
 from barnax.fleet.dataset import read_rows
 from barnax.fleet.rows import identify_rows
 
@@ -255,7 +255,7 @@ def test_no_column_of_a_manifest_can_be_one_of_the_dataset(alone):
     more = {"C4 [F] high", "gamma low", "tables RMSE [V]", "tables R1 [Ohm] low"}
     for name in more | {*alone.columns} - {"id", "age", "circuit", "records"}:
         with pytest.raises(InputError, match="the dataset has its own"):
-            cell_of({"id": "a", "records": "a.csv", name: 1})
+            fleet_cell_from_row({"id": "a", "records": "a.csv", name: 1})
 
 
 def test_a_row_has_the_same_bits_in_a_batch_and_in_another_order(alone, small_fleet, tmp_path):

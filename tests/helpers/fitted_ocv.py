@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from barnax import Record, TableSettings, Window
 from barnax.over_soc.fitted_ocv import FittedOcv, prove_with_ocv
 from barnax.over_soc.problem import find_best, reduced_objective
-from barnax.over_soc.starts import UntestedRecords
+from barnax.over_soc.starts import RecordsWithoutOcvTest
 
 
 def fit_with_ocv(
@@ -13,7 +13,7 @@ def fit_with_ocv(
 ) -> FittedOcv:
     """The tables and the OCV that fit some records of one cell best, together, as a run has them
     for a circuit that is asked for."""
-    own = UntestedRecords.of(records, windows, settings)
+    own = RecordsWithoutOcvTest.of(records, windows, settings)
     starts = own.starts(circuit)
     prepared = own.prepared(circuit, starts.windows)
     objective = reduced_objective(prepared, own.settings_of(circuit))

@@ -20,25 +20,25 @@ def made(seed, rows=60, unknowns=24):
 
 
 def least_squares_in_box(matrix, base, low, high):
-    x, sides = least_in_box(matrix.T @ matrix, matrix.T @ base, low, high)
-    return np.clip(with_free_values(matrix, base, x, sides == 0), low, high), sides
+    x, active_set = least_in_box(matrix.T @ matrix, matrix.T @ base, low, high)
+    return np.clip(with_free_values(matrix, base, x, active_set == 0), low, high), active_set
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_scipy_finds_the_same_minimum(seed):
     matrix, base, low, high = made(seed)
-    x, sides = least_squares_in_box(matrix, base, low, high)
+    x, active_set = least_squares_in_box(matrix, base, low, high)
     other = lsq_linear(matrix, -base, (low, high), method="bvls", tol=1e-14)
     assert np.sum((base + matrix @ x) ** 2) == pytest.approx(2 * other.cost, rel=1e-10)
     assert np.all((x >= low) & (x <= high))
-    assert np.all(x[sides < 0] == low[sides < 0])
+    assert np.all(x[active_set < 0] == low[active_set < 0])
 
 
 def test_any_guess_of_the_sides_ends_at_the_same_answer():
     matrix, base, low, high = made(1)
     normal, gradient = matrix.T @ matrix, matrix.T @ base
-    expected, sides = least_in_box(normal, gradient, low, high)
-    for guess in (sides, -np.ones_like(sides) * np.isfinite(low)):
+    expected, active_set = least_in_box(normal, gradient, low, high)
+    for guess in (active_set, -np.ones_like(active_set) * np.isfinite(low)):
         found, _ = least_in_box(normal, gradient, low, high, guess.astype(int))
         assert found == pytest.approx(expected, rel=1e-6, abs=1e-9)
 

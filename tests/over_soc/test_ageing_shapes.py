@@ -3,13 +3,13 @@
 import numpy as np
 
 from barnax.over_soc.ageing import SHAPE_ODDS, _averaged
-from barnax.over_soc.nuisances import Estimated
+from barnax.over_soc.nuisances import NuisanceEstimate
 
 
 def estimated(draw, log_evidence):
     root, by_prior = draw.standard_normal((5, 5)), draw.standard_normal((5, 3))
     values, moved = draw.standard_normal(5), draw.standard_normal(2)
-    return Estimated(values, root @ root.T, moved, by_prior, log_evidence)
+    return NuisanceEstimate(values, root @ root.T, moved, by_prior, log_evidence)
 
 
 def test_an_average_over_shapes_has_the_mean_and_the_variance_of_the_mixture():

@@ -106,7 +106,7 @@ def test_any_direction_gives_the_bound_of_its_formula_and_what_it_lacks(relaxati
     given = zip(objective.axes, box, [middle] * 2, relaxation.remainders, (2.1, 4.1), strict=True)
     plain = [_BoxAxis.of(*lacked) for lacked in given]
     np.testing.assert_allclose(
-        [side.tax for side in plain],
+        [box_axis.tax for box_axis in plain],
         [
             -2 * middle.error @ axis.slopes_at(at)
             for axis, at in zip(objective.axes, (2.1, 4.1), strict=True)
@@ -121,8 +121,8 @@ def test_any_direction_gives_the_bound_of_its_formula_and_what_it_lacks(relaxati
             1e-4 * draw.standard_normal((2, objective.nodes)),
             draw.choice([-1.0, 1.0], 2),
         )
-        sides = [replace(side, tax=tax) for side, tax in zip(plain, taxes, strict=True)]
-        value, lacking = relaxation._dual(error, bent, sides, signs, limits)
+        box_axes = [replace(box_axis, tax=tax) for box_axis, tax in zip(plain, taxes, strict=True)]
+        value, lacking = relaxation._dual(error, bent, box_axes, signs, limits)
         expected, lacks = by_hand(relaxation, box, error, bent, best.objective_v2, taxes, signs)
         assert value == pytest.approx(expected, rel=1e-9)
         for number, lacked in lacking.items():

@@ -86,7 +86,7 @@ def test_an_offset_is_reported_by_its_size_its_error_and_what_it_leaves(
         polished.append(objective.ranges)
         return start
 
-    monkeypatch.setattr(nuisances, "box_of", lambda *_: BOX)
+    monkeypatch.setattr(nuisances, "search_ranges", lambda *_: BOX)
     monkeypatch.setattr(nuisances, "polish", polish)
     monkeypatch.setattr(nuisances, "reads_zero_at_rest", lambda record: False)
     monkeypatch.setattr(nuisances, "_without_offset", without_offset)

@@ -6,7 +6,7 @@ import pytest
 from barnax import TableSettings, Window
 from barnax.cell.parameters import OCV
 from barnax.cell.tables import hats
-from barnax.over_soc.node_interval import TableCurve, sag_of
+from barnax.over_soc.node_interval import TableCurve, chord_offset
 from barnax.settings import NODES
 from helpers.fitted_ocv import fit_with_ocv
 from helpers.made_cell import R0_OHM, made, ocv_v
@@ -21,7 +21,7 @@ def test_a_curve_follows_from_the_best_lines_along_it(width):
 
     soc = np.linspace(0, 1, 20001)
     values = np.linalg.lstsq(hats(soc, INSIDE), curve(soc))[0]
-    truth, sags = curve(INSIDE) - values, sag_of(INSIDE, values)
+    truth, sags = curve(INSIDE) - values, chord_offset(INSIDE, values)
     np.testing.assert_allclose(sags, truth, atol=0.08 * np.max(np.abs(truth)))
     between = TableCurve(INSIDE, values, sags).above_lines(soc) + np.interp(soc, INSIDE, values)
     off = np.abs(between - curve(soc))

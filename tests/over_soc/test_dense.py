@@ -16,7 +16,7 @@ from barnax.over_soc.cross_validation import held_out, with_spread
 from barnax.over_soc.intervals import LIGHT, NodeInterval, intervals_of
 from barnax.over_soc.level import FREE_RIDGE, NEARLY_LEVEL_V
 from barnax.over_soc.node_interval import curves_of
-from barnax.over_soc.nuisances import Measured, estimate
+from barnax.over_soc.nuisances import PseudoMeasurements, estimate
 from barnax.over_soc.pack import R0, TOTAL, fit_pack
 from barnax.over_soc.problem import find_best, reduced_objective
 from helpers.dense import (
@@ -145,7 +145,7 @@ def test_a_law_ends_where_what_cells_usually_have_and_the_records_pull_alike(mon
     degc = 15 + sample / 12 + 2 * np.sin(sample / 9)
     record = replace(made_record(120, interval_s=5.0), temperature_degc=degc)
     plain, first = prepared_of(record), Dependence(beta_per_k=0.03, reference_degc=20.0)
-    objective = reduced_objective([plain.following(first)], SETTINGS, BOX)
+    objective = reduced_objective([plain.with_dependence(first)], SETTINGS, BOX)
     penalty = penalty_of()
 
     def least_v2(log_beta, *log_taus):
@@ -163,7 +163,7 @@ def test_a_law_ends_where_what_cells_usually_have_and_the_records_pull_alike(mon
     # 35 kJ/mol over the gas constant and the square of the temperature.
     usual = math.log(35e3 / 8.314 / 293.15**2)
     start = find_best(objective)
-    law, log_taus = dependence.polished(objective, start, first)
+    law, log_taus = dependence.refine_dependence(objective, start, first)
     close = {"xatol": 1e-9, "fatol": 1e-14}
     expected = minimize(pulled, [math.log(0.03), *LOG_SCALES], method="Nelder-Mead", options=close)
     assert [math.log(law.beta_per_k), *log_taus] == pytest.approx(expected.x, abs=1e-5)
@@ -178,7 +178,7 @@ def test_nuisances_are_the_dense_least_squares_of_everything_at_once(is_measured
     slope = 0.7 + np.sin(prepared.time_s / 90)
     of_start = np.column_stack([slope, slope * (prepared.soc[0] - prepared.soc)])
     now, prior = np.array([2e-3, -1e-3]), np.array([4e-3, 1e-2])
-    beside = Measured(np.array([[30.0, 5.0]]), np.array([0.8])) if is_measured else None
+    beside = PseudoMeasurements(np.array([[30.0, 5.0]]), np.array([0.8])) if is_measured else None
     wanted = np.zeros((1, 12))
     wanted[0, [1, 5, 9]] = 1.0
     (estimated,) = estimate(objective, best, lambda *_: of_start, now, [prior], wanted, beside)

@@ -225,7 +225,7 @@ def test_what_may_be_anything_has_no_interval(kappa_per_a2):
     prepared = prepare_record(record, cell_with_ocv(), "so-rc", Window(initial_soc=1.0))
     weak = Dependence(kappa_per_a2=kappa_per_a2, heating_tau_s=1000.0)
     held = {"tau1 [s]": (TAU_S[0],) * 2, "tau2 [s]": (TAU_S[1],) * 2}
-    objective = reduced_objective([prepared.following(weak)], TableSettings(), held)
+    objective = reduced_objective([prepared.with_dependence(weak)], TableSettings(), held)
     best = objective.solve(tuple(math.log(low) for low, _ in held.values()))
     (found,) = (each for each in intervals_of(objective, best) if each.name == "kappa [1/A2]")
     assert (found.low, found.high, found.standard_error) == (None, None, 0.0)

@@ -129,7 +129,7 @@ def test_an_ocv_that_loads_alone_visit_is_not_determined_near_empty(has_test):
 
 
 @pytest.mark.parametrize(
-    ("sides", "rows"),
+    ("active_set", "rows"),
     [
         # Of the level at the first node and the steps from node to node, those at their bound.
         ([0, 0, 0, 0, 0], []),
@@ -139,7 +139,7 @@ def test_an_ocv_that_loads_alone_visit_is_not_determined_near_empty(has_test):
         ([0, -1, 0, -1, 0], []),
     ],
 )
-def test_nodes_that_only_a_bound_joins_to_the_lowest_one_are_held(sides, rows):
+def test_nodes_that_only_a_bound_joins_to_the_lowest_one_are_held(active_set, rows):
     nodes = np.array([-0.02, 0.0, 0.05, 0.08, 0.3])
     objective: Any = SimpleNamespace(
         pairs=2,
@@ -149,7 +149,7 @@ def test_nodes_that_only_a_bound_joins_to_the_lowest_one_are_held(sides, rows):
         nodes_of=[None, None, None, nodes],
         visited_of=lambda table: nodes >= 0,
     )
-    best: Any = SimpleNamespace(sides=np.array([0] * 11 + sides))
+    best: Any = SimpleNamespace(active_set=np.array([0] * 11 + active_set))
     assert [*_held_level(objective, best)] == rows
     objective.settings.rising_ocv = False
     assert not [*_held_level(objective, best)]

@@ -15,8 +15,8 @@ from barnax.model import reduced, reference
 from barnax.model.prepared import Window, prepare_record
 from barnax.model.reference import simulate_circuit
 from barnax.over_soc.fit import fit_tables
-from barnax.over_soc.intervals import linearized
-from barnax.over_soc.problem import box_of, find_best, polish, reduced_objective
+from barnax.over_soc.intervals import jacobian_blocks
+from barnax.over_soc.problem import find_best, polish, reduced_objective, search_ranges
 from barnax.over_soc.settings import TableSettings
 
 from .conftest import BOX, NODES, SMALL
@@ -31,7 +31,7 @@ def objective_of(prepared, settings=SMALL, gamma_range=None):
 def whole(objective, place):
     """Every sample's columns and the penalty's rows, and the target, for SciPy."""
     found = objective.solve(place)
-    columns, base, _ = map(np.concatenate, zip(*linearized(objective, found), strict=True))
+    columns, base, _ = map(np.concatenate, zip(*jacobian_blocks(objective, found), strict=True))
     base, unknowns = base[:, 0], len(found.unknowns)
     matrix = np.concatenate([columns[:, :unknowns] / np.sqrt(len(base)), objective.table_penalty])
     # An OCV correction that may fall by so much only is the sum of its steps.
@@ -240,8 +240,8 @@ def test_hysteresis_is_held_where_records_go_one_way_only(with_hysteresis):
 
 def test_time_constants_far_below_the_sampling_interval_are_not_searched(prepared):
     coarse = replace(prepared, record=replace(prepared.record, time_s=60 * prepared.record.time_s))
-    assert set(box_of([coarse], TableSettings()).values()) == {(30.0, 1000.0)}
-    assert box_of([prepared], TableSettings())["tau1 [s]"][0] == 2.0
+    assert set(search_ranges([coarse], TableSettings()).values()) == {(30.0, 1000.0)}
+    assert search_ranges([prepared], TableSettings())["tau1 [s]"][0] == 2.0
 
 
 def test_intervals_are_of_visited_nodes_and_hold_their_values(prepared):

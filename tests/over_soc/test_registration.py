@@ -13,8 +13,13 @@ from barnax.cell.parameters import RATE
 from barnax.model.prepared import prepare_record
 from barnax.over_soc.fit import fit_tables, pooled_errors
 from barnax.over_soc.nuisances import reads_zero_at_rest
-from barnax.over_soc.registration import FAR_V, counted_alike, register_alone, rest_warnings
-from barnax.over_soc.starts import UntestedRecords
+from barnax.over_soc.registration import (
+    FAR_V,
+    register_on_ocv_test,
+    rest_warnings,
+    with_common_capacity,
+)
+from barnax.over_soc.starts import RecordsWithoutOcvTest
 from barnax.pipeline import _between_ends
 from barnax.run_setup import register_all
 from benchmarks import operation
@@ -94,7 +99,7 @@ def test_intervals_of_starts_hold_what_straight_lines_between_nodes_leave_out():
     logs, window = [*cell.logs()], Window(initial_soc=1.0, capacity_ah=2.0)
     windows = {log.name: window for log in logs}
     with jax.enable_x64(True):
-        starts = UntestedRecords.of(logs, windows, TableSettings(folds=0)).starts("so-rc")
+        starts = RecordsWithoutOcvTest.of(logs, windows, TableSettings(folds=0)).starts("so-rc")
     true_soc, true_ah = cell.starts
     for name, soc, capacity_ah in zip(windows, true_soc, true_ah, strict=True):
         known = starts.windows[name].registration
@@ -148,7 +153,7 @@ def prepared_with(record, capacity_ah, points=401):
 def test_charge_that_an_ocv_test_and_a_record_do_not_share_is_identified_by_its_rests(emptied):
     record, capacity_ah = emptied
     told = prepared_with(record, 1.03 * capacity_ah)
-    found = register_alone(told, TableSettings())
+    found = register_on_ocv_test(told, TableSettings())
     known = found.window.registration
     assert known.by == "OCV test"
     assert (known.given_soc, known.given_capacity_ah) == (1.0, told.capacity_ah)
@@ -160,7 +165,7 @@ def test_charge_that_an_ocv_test_and_a_record_do_not_share_is_identified_by_its_
     )
     assert error_v < 0.3 * told_v
     right = prepared_with(record, capacity_ah)
-    assert register_alone(right, TableSettings()) is right
+    assert register_on_ocv_test(right, TableSettings()) is right
 
 
 @pytest.mark.slow
@@ -195,7 +200,7 @@ def test_a_charge_is_counted_over_the_capacity_that_the_test_tells_of_a_drive_be
     drive, other = (prepared(drive_a(1500, seed), 1.0) for seed in (0, 1))
     charge = prepared(np.full(1500, -1.0), 0.1)
     told, moved = [drive, other, charge], drive.registered(0.99, 0.97 * whole_ah)
-    found = counted_alike(told, [moved, other, charge])
+    found = with_common_capacity(told, [moved, other, charge])
     capacities = [one.capacity_ah / whole_ah for one in found]
     assert capacities == pytest.approx([0.97, 1.0, 0.97])
     # What is fitted is prepared from the windows.
@@ -203,10 +208,10 @@ def test_a_charge_is_counted_over_the_capacity_that_the_test_tells_of_a_drive_be
     assert found[2].window.registration.by == "OCV test"
     assert found[2].window.unregistered == charge.window
     given = charge.in_window(replace(charge.window, capacity_ah=1.01 * whole_ah))
-    assert counted_alike([drive, given], [moved, given])[1] is given
+    assert with_common_capacity([drive, given], [moved, given])[1] is given
     assert np.ptp(found[2].soc) == pytest.approx(np.ptp(charge.soc) / 0.97)
     # Where the test tells nothing of any, all stay as told.
-    assert counted_alike(told, told) == told
+    assert with_common_capacity(told, told) == told
 
 
 @pytest.mark.slow
@@ -222,7 +227,7 @@ def test_tables_of_an_lfp_drive_hold_on_its_charge_once_both_are_on_one_axis(rea
         )
         return prepare_record(record, cell, "esc", Window(**window))
 
-    drive = register_alone(prepared(1, initial_soc=1.0), TableSettings())
+    drive = register_on_ocv_test(prepared(1, initial_soc=1.0), TableSettings())
     given = {"initial_soc": 0.0, "score_steps": (11,), "score_soc": (0.03, 0.95)}
     charge, counted = prepared(3, **given), prepared(3, capacity_ah=drive.capacity_ah, **given)
     assert drive.capacity_ah == pytest.approx(2.0, abs=0.01)
@@ -278,7 +283,7 @@ def test_a_rest_between_far_points_of_a_steep_ocv_speaks_for_no_other_capacity(e
     last_soc = right.soc[-1]
     assert abs(right.cell.average_ocv_v(last_soc) - flat_v(last_soc)) > FAR_V
     assert not rest_warnings(right)
-    assert register_alone(right, TableSettings()) is right
+    assert register_on_ocv_test(right, TableSettings()) is right
 
 
 @pytest.fixture(scope="module")

@@ -144,7 +144,7 @@ def test_a_mean_over_most_of_its_soc_has_an_interval_about_as_narrow():
 def test_a_mean_that_is_known_from_one_side_stays_so_over_part_of_its_soc():
     one = make_table_result()
     means = tuple(replace(mean, low=None, high=2 * mean.value) for mean in one.fit.means)
-    nodes = tuple(each.opened() for each in one.fit.intervals)
+    nodes = tuple(each.as_undetermined() for each in one.fit.intervals)
     one = with_fit(one, means=means, intervals=nodes)
     other = visiting(make_table_result(), lambda node: node >= 0.2)
     lines = repr(barnax.show(one, other)).split("\n")
@@ -168,5 +168,5 @@ def test_between_nodes_of_which_one_has_an_upper_limit_alone_there_is_one():
     line = first.between(last, 0.3)
     assert (line.value, line.high) == (pytest.approx(0.01), pytest.approx(0.016))
     assert line.low is None
-    opened = first.opened().between(last, 0.3)
+    opened = first.as_undetermined().between(last, 0.3)
     assert (opened.low, opened.high) == (None, None)

@@ -62,7 +62,7 @@ def test_a_band_holds_the_errors_of_its_samples(colored):
     for band in diagnostics(problem, colored.assessment.covariance).by_current:
         low, high = band.low or -np.inf, band.high or np.inf
         assert band.samples == np.count_nonzero((rate >= low) & (rate < high))
-    informed_v = error_v[colored.assessment.covariance.linearization.informed]
+    informed_v = error_v[colored.assessment.covariance.linearization.is_informative]
     at_one = np.mean(informed_v[1:] * informed_v[:-1]) / np.mean(informed_v**2)
     assert found.lags_s[:2] == (0.0, 1.0)
     assert found.autocorrelation[:2] == pytest.approx([1.0, at_one])

@@ -29,9 +29,9 @@ def test_the_white_noise_covariance_is_that_of_curve_fit(white):
     def drop(current_a, *logarithms):
         r0, r1, tau1, r2, tau2 = np.exp(logarithms)
         simulated_v = drop_v(filtered_response, 1.0, current_a, (r0, (r1, r2), (tau1, tau2)))
-        return 1e3 * simulated_v[prepared.informed]
+        return 1e3 * simulated_v[prepared.is_informative]
 
-    measured_mv = 1e3 * (prepared.source_v - prepared.voltage_v)[prepared.informed]
+    measured_mv = 1e3 * (prepared.source_v - prepared.voltage_v)[prepared.is_informative]
     best, covariance = curve_fit(drop, prepared.current_a, measured_mv, LOGARITHMS, xtol=1e-12)
     assert uncertainty.free == ("R0 [Ohm]", "R1 [Ohm]", "tau1 [s]", "R2 [Ohm]", "tau2 [s]")
     found = white.assessment.covariance.white_noise_matrix
@@ -48,9 +48,9 @@ def test_white_noise_needs_no_inflation(white):
 
 def test_a_start_that_only_the_rest_before_the_load_depends_on_is_as_uncertain_as_given(white):
     own = white.assessment.covariance
-    informed = own.linearization.informed
-    assert not np.all(informed)
-    columns_v = np.where(informed, 0.0, 1e-3)[:, None]
+    is_informative = own.linearization.is_informative
+    assert not np.all(is_informative)
+    columns_v = np.where(is_informative, 0.0, 1e-3)[:, None]
     by_start = {"by_nuisance_v": columns_v, "nuisances_sd": np.zeros(1)}
     found = Covariance.of(replace(own.linearization, **by_start))
     np.testing.assert_allclose(found.nuisances_error, [1.0])

@@ -10,9 +10,8 @@ On a drive cycle, most of the error is not noise. A cell is more than its circui
 with other time constants, and its resistances fall with the current. The tables absorb the effect
 of such columns F, wrongly if the drive differs from the test: of a deviation F w the fit leaves (F
 - J H^-1 J_t' F_t) w on the drive. Its square, over w of independent unit size, distinguishes tests
-(bias and variance of a response surface; Box and Draper, 1959).
-
-Products add up over pieces with uncorrelated errors."""
+(bias and variance of a response surface; Box and Draper, 1959). Products add up over pieces with
+uncorrelated errors."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -31,8 +30,8 @@ from ..execution import in_float64
 from ..metrics import NORMAL_95
 from ..model.prepared import PreparedRecord, prepare_record
 from ..model.window import Window
-from ..over_soc.intervals import LIGHT, linearized
-from ..over_soc.node_interval import sag_of
+from ..over_soc.intervals import LIGHT, jacobian_blocks
+from ..over_soc.node_interval import chord_offset
 from ..over_soc.objective import Solution, TableObjective
 from ..over_soc.problem import reduced_objective
 from ..over_soc.settings import TableSettings
@@ -68,7 +67,7 @@ Name = tuple[str, float | None]
 
 
 @dataclass(frozen=True)
-class Error:
+class ResidualModel:
     """The assumed error of a fit: its RMSE; its noise, in parts with a correlation time in s, 0 for
     white, and a standard deviation in V; the size of effects outside the circuit, 1 for usual; and
     the RMSE without them.
@@ -110,7 +109,7 @@ class Prior:
     cell: CellModel
     tables: CircuitParameters
     worst: Float[np.ndarray, "nodes"]
-    error: Error
+    error: ResidualModel
     settings: TableSettings
     circuit: str = "so-rc"
     earlier: Sequence[PreparedRecord] = ()
@@ -287,9 +286,10 @@ class Information:
 def columns_of(prior: Prior, prepared: PreparedRecord) -> Columns:
     """The derivatives of the error at every sample, by every unknown and by the effects outside the
     circuit."""
-    whole = replace(prepared.following(None), scored=np.ones_like(prepared.scored))
+    whole = replace(prepared.with_dependence(None), scored=np.ones_like(prepared.scored))
     objective = replace(prior.objective, prepared_records=[whole])
-    blocks = linearized(objective, prior.solution, further=lambda _: _left_out(prior, prepared))
+    left_out = _left_out(prior, prepared)
+    blocks = jacobian_blocks(objective, prior.solution, further=lambda _: left_out)
     return np.concatenate([columns for columns, *_ in blocks])
 
 
@@ -394,7 +394,7 @@ def _halves(prior: Prior, fit: Information) -> dict[Name, float]:
         seen = np.arange(rows.start, rows.stop)[is_seen[rows]]
         if is_resistance(name) and len(seen):
             nodes = np.array([soc for _, soc in prior.names])[seen].astype(float)
-            sag = sag_of(nodes, prior.values[seen])
+            sag = chord_offset(nodes, prior.values[seen])
             moved[seen] = np.maximum(np.abs(smoothed[seen]), np.abs(smoothed[seen] - sag))
     halves = (NORMAL_95 * errors + moved / 2) / prior.units
     return {prior.names[index]: float(halves[index]) for index in np.flatnonzero(is_seen)}

@@ -36,7 +36,7 @@ from .protocol import (
     hppc_steps,
     move,
     sampled,
-    window_of,
+    voltage_limits_of,
 )
 from .search import LONGER, MOST_HOURS, Criterion, SearchSetup, is_reached_in, planned, worst_first
 from .stored import (
@@ -131,7 +131,7 @@ def design(
             "a test needs something to `want`, some blocks, and one start of its search"
         )
     prior = prior_of(result, capacity, chemistry, temperature)
-    window_v = window_of(prior.cell, prior.typical)
+    window_v = voltage_limits_of(prior.cell, prior.typical)
     limits = Limits(
         window_v[0] if low_voltage is None else low_voltage,
         window_v[1] if high_voltage is None else high_voltage,

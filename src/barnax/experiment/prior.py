@@ -23,7 +23,7 @@ from ..model.sampling import least_r0_share
 from ..over_soc.fit import TableFit
 from ..over_soc.intervals import MAX_SLOTS, UNSEEN
 from ..over_soc.level import with_fitted_ocv
-from ..over_soc.registration import in_seconds
+from ..over_soc.registration import averaged_to_seconds
 from ..over_soc.settings import TableSettings
 from ..records import read_record
 from ..results import Result
@@ -34,12 +34,12 @@ from .information import (
     NEARLY_SOC,
     OVERSHOT,
     Columns,
-    Error,
     Name,
     Prior,
+    ResidualModel,
     columns_of,
 )
-from .protocol import window_of
+from .protocol import voltage_limits_of
 from .stored import followed, halves_of
 
 Chemistry = Literal["nmc", "lfp"]
@@ -131,7 +131,7 @@ def _going_on(prior: Prior, chemistry: str) -> Prior:
     ends = np.array([low, high])
     apart_v = typical.average_ocv_v(ends) - prior.ocv_v(ends)
     # Near empty any two cells differ, but no cell is above its highest voltage.
-    is_above = prior.ocv_v(ends) > window_of(prior.cell, chemistry)[1] + HELD_V
+    is_above = prior.ocv_v(ends) > voltage_limits_of(prior.cell, chemistry)[1] + HELD_V
     is_other = is_above | (ends > COMPARED_FROM_SOC) & (np.abs(apart_v) > MOST_APART_V)
     if is_other.any():
         index = int(np.argmax(np.abs(apart_v) * is_other))
@@ -201,7 +201,7 @@ def prior_of_result(result: Result, temperature_degc: float | None = None) -> Pr
         evaluations, untold = (), str(evaluations)
     # Means of fast records determine slow dynamics as well.
     earlier = [
-        result.fits.evaluate(in_seconds(evaluated.prepared))
+        result.fits.evaluate(averaged_to_seconds(evaluated.prepared))
         for evaluated, part in zip(evaluations, parts, strict=False)
         if temperature_degc is None or part.is_at(temperature_degc)
     ]
@@ -311,10 +311,10 @@ def counting(prior: Prior, earlier: Sequence[Evaluation]) -> Prior:
     return replace(prior, earlier=records, error=error_of(prior, earlier))
 
 
-def typical_error(rmse_v: float) -> Error:
+def typical_error(rmse_v: float) -> ResidualModel:
     """The assumed error of a fit with that RMSE."""
     noise = tuple((time_s, share * rmse_v) for time_s, share in SHAPE)
-    return Error(rmse_v, noise, rmse_v / TYPICAL_V, REST * rmse_v)
+    return ResidualModel(rmse_v, noise, rmse_v / TYPICAL_V, REST * rmse_v)
 
 
 def _worst(fit: TableFit, nodes: tuple[float, ...]) -> Float[np.ndarray, "nodes"]:
@@ -329,7 +329,7 @@ def _worst(fit: TableFit, nodes: tuple[float, ...]) -> Float[np.ndarray, "nodes"
     return np.maximum(ratio, LEAST_WORST)
 
 
-def error_of(prior: Prior, earlier: Sequence[Evaluation]) -> Error:
+def error_of(prior: Prior, earlier: Sequence[Evaluation]) -> ResidualModel:
     """The error of a fit with these tables, estimated from its residuals on its records: the part
     due to noise, and the part due to effects outside the circuit.
 
@@ -355,7 +355,7 @@ def error_of(prior: Prior, earlier: Sequence[Evaluation]) -> Error:
     explained_v2 = max(float(np.sum((explaining.T @ error_v) ** 2)) - expected_v2, 0.0)
     rmse_v = math.sqrt(float(np.mean(error_v**2)))
     parts = zip(noise.correlation_s.tolist(), np.sqrt(noise.variance_v2).tolist(), strict=True)
-    return Error(
+    return ResidualModel(
         rmse_v=rmse_v,
         noise=tuple((correlation_s, sd_v) for correlation_s, sd_v in parts if sd_v > 0),
         left_out=math.sqrt(explained_v2 / float(np.sum(left_out**2))),

@@ -135,7 +135,7 @@ def _pairs(rate: Rate) -> list[tuple[float, float]]:
     return [(0.0, float(rate))] if isinstance(rate, int | float) else sorted(rate)
 
 
-def window_of(cell: CellModel, chemistry: str = "") -> tuple[float, float]:
+def voltage_limits_of(cell: CellModel, chemistry: str = "") -> tuple[float, float]:
     """The lowest and the highest voltage usual for a chemistry, else for such an OCV.
 
     An OCV unknown at full may be of either kind, unless it exceeds the limits of one: the narrower

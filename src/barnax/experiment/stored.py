@@ -16,7 +16,7 @@ from ..metrics import NORMAL_95
 from ..over_soc.node_interval import NodeInterval
 from ..records import Hold, Record
 from ..schema import ARRAY, Document, Part
-from .information import DRIVE, Error, Name, Width
+from .information import DRIVE, Name, ResidualModel, Width
 from .protocol import INTERVAL_S, Limits, Step, bends
 
 if TYPE_CHECKING:
@@ -187,7 +187,7 @@ class Design(Document):
     initial_soc: float
     finds_ocv: bool
     earlier: tuple[str, ...]
-    error: Error
+    error: ResidualModel
     key: int
     untold: str = ""
     start_v: float | None = None

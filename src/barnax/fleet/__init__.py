@@ -4,6 +4,6 @@
 """
 
 from .engine import Progress, identify_fleet
-from .manifest import FleetCell, cell_of, read_manifest
+from .manifest import FleetCell, fleet_cell_from_row, read_manifest
 
-__all__ = ["FleetCell", "Progress", "cell_of", "identify_fleet", "read_manifest"]
+__all__ = ["FleetCell", "Progress", "fleet_cell_from_row", "identify_fleet", "read_manifest"]

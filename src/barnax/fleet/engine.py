@@ -36,7 +36,7 @@ from ..records import read_record
 from ..records.logger import Loggers, loggers_of
 from ..settings import Reading
 from .dataset import Shard, compact, finished, in_shard, write_part, writing
-from .manifest import FleetCell, Options, cell_of, distinct
+from .manifest import FleetCell, Options, distinct, fleet_cell_from_row
 
 # Rows per part: few enough to lose if this process is killed.
 MAX_IN_PART = 50
@@ -125,7 +125,7 @@ def identify_fleet(
     """
     root, chosen = located(out), {"seeds": 0, **(settings or {})}
     state = Progress()
-    made = (cell if isinstance(cell, FleetCell) else cell_of(cell) for cell in cells)
+    made = (cell if isinstance(cell, FleetCell) else fleet_cell_from_row(cell) for cell in cells)
     # Cells of a lazy iterable are not examined before their turn.
     is_whole = isinstance(cells, Sequence)
     every = [*made] if is_whole else []
@@ -136,12 +136,12 @@ def identify_fleet(
         for cell in distinct(every or made):
             if not in_shard(cell, shard):
                 continue
-            print_ = cell.fingerprint(chosen)
+            fingerprint = cell.fingerprint(chosen)
             finished, has_failed = done.get(cell.id, ("", False))
-            if finished == print_ and not (has_failed and retry):
+            if finished == fingerprint and not (has_failed and retry):
                 state = replace(state, skipped=state.skipped + 1)
             else:
-                yield print_, cell
+                yield fingerprint, cell
 
     with writing(root, shard) as folder:
         # Rows of earlier parts are not computed again, and some of them failed or were replaced
@@ -182,13 +182,13 @@ def identify_fleet(
     return replace(state, total=state.finished + state.skipped)
 
 
-def run_cell(print_: str, cell: FleetCell, settings: Options, out: str) -> Rows:
+def run_cell(fingerprint: str, cell: FleetCell, settings: Options, out: str) -> Rows:
     """The rows of a cell with its fingerprint; its files are kept below the folder `out`."""
     prepare_process()
     from .rows import identify_rows
 
     rows = identify_rows(cell, settings, located(out))
-    return [row | {"fingerprint": print_} for row in rows]
+    return [row | {"fingerprint": fingerprint} for row in rows]
 
 
 @functools.cache
@@ -241,14 +241,14 @@ def _run(
         if lost:
             suspects += lost
             executor = _reopened(reopen)
-    for print_, cell in suspects:
-        future = _submit(executor, run_cell, print_, cell, *how)
+    for fingerprint, cell in suspects:
+        future = _submit(executor, run_cell, fingerprint, cell, *how)
         if not _has_died(future):
             yield [future.result()]
             continue
         executor = _reopened(reopen)
         row = {"id": cell.id, "error": DIED, "error code": None, **cell.carried}
-        yield [[row | {"fingerprint": print_}]]
+        yield [[row | {"fingerprint": fingerprint}]]
 
 
 def _submit(executor: Executor, function: Callable[..., Any], *given: Any) -> "Future[Any]":

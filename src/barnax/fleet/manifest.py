@@ -158,7 +158,7 @@ def read_manifest(
     if source.is_dir():
         names = sorted(item.name for item in source.iterdir() if item.is_dir())
         rows = [{"id": name, "records": [f"{glob.escape(name)}/*"]} for name in names]
-        cells = [cell_of({**(defaults or {}), **row}, source) for row in rows]
+        cells = [fleet_cell_from_row({**(defaults or {}), **row}, source) for row in rows]
         if not cells:
             raise InputError(
                 f"{source}: has no subfolders; make one for each cell, or give a manifest"
@@ -171,7 +171,7 @@ def read_manifest(
     cells, row_of = [], dict[str, int]()
     for number, row in enumerate(rows, 2 if source.suffix.lower() != ".toml" else 1):
         where = f"{source.name}: row {number}"
-        cell = cell_of(given | _filled(row), source.parent, where, faults)
+        cell = fleet_cell_from_row(given | _filled(row), source.parent, where, faults)
         faults += _unconfined(cell, allowed, source.name)
         if row_of.setdefault(cell.id, number) == number:
             cells.append(cell)
@@ -262,7 +262,7 @@ def _filled(row: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def cell_of(
+def fleet_cell_from_row(
     row: Options, folder: Path = Path(), where: str = "row", problems: list[str] | None = None
 ) -> FleetCell:
     """A cell from a row's values by their names; unknown columns are copied.

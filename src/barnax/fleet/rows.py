@@ -17,7 +17,7 @@ from ..checks.against_cell import compare_temperatures
 from ..errors import InputError, attempt, reason_of
 from ..factors import factors_to_bytes, read_factors
 from ..files import fetched, is_address, is_factor_file
-from ..inputs import Measured, file_names, input_warnings, read_inputs, source_of
+from ..inputs import RecordTemperatures, file_names, input_warnings, read_inputs, source_of
 from ..job import Job
 from ..life.rows import ageing_row
 from ..metrics import Metrics
@@ -265,7 +265,7 @@ def _cell_of_tests(
     rest_current_a: float | None,
     reading: Reading,
     fits: CellSettings,
-) -> tuple[CellModel, list[Record | OcvTable], list[Notice], Measured]:
+) -> tuple[CellModel, list[Record | OcvTable], list[Notice], RecordTemperatures]:
     """The cell from OCV tests or an earlier result, with these tests, their warnings and their
     temperatures. Tests shared by many cells of a fleet are read and fitted once; a changed file
     counts as another one."""

@@ -79,19 +79,21 @@ def _bound(
     the box would let them grow to their limits; so the second y is the direction of an error with
     just enough slope in them.
     """
-    sides = [*map(_AxisEnds.of, objective.axes, np.moveaxis(boxes, 1, 0), objective.remainders)]
-    low, middle, high = (np.stack([side.log_scales[end] for side in sides]) for end in range(3))
+    box_axes = [*map(_AxisEnds.of, objective.axes, np.moveaxis(boxes, 1, 0), objective.remainders)]
+    low, middle, high = (
+        np.stack([box_axis.log_scales[end] for box_axis in box_axes]) for end in range(3)
+    )
     allowed = objective.coefficient_box(low)[0], objective.coefficient_box(high)[1]
     box = objective.coefficient_box(middle)
-    answers = [side.responses[1] for side in sides]
-    base = np.broadcast_to(objective.base, answers[0].shape)
-    columns = [np.broadcast_to(objective.current, base.shape), *answers]
+    responses = [box_axis.responses[1] for box_axis in box_axes]
+    base = np.broadcast_to(objective.base, responses[0].shape)
+    columns = [np.broadcast_to(objective.current, base.shape), *responses]
     normal, gradient = normal_equations(columns, base)
 
     resistances = least_in_boxes(normal, gradient, *box)
     errors_v = errors_of(columns, base, resistances)
     at_middle_v = np.linalg.norm(errors_v, axis=1)
-    bounds_v, loss = _dual(errors_v, base, columns[0], sides, allowed)
+    bounds_v, loss = _dual(errors_v, base, columns[0], box_axes, allowed)
     better = None
     best = int(np.argmin(at_middle_v))
     if at_middle_v[best] < best_v * (1 - NARROW_GAP) - ABSOLUTE_V:
@@ -101,7 +103,7 @@ def _bound(
     # less than the upper ones.
     tilted = least_in_boxes(normal, gradient - 1.05 * at_middle_v * loss, *box)
     errors_v = errors_of(columns, base, tilted)
-    tilted_v, loss = _dual(errors_v, base, columns[0], sides, allowed)
+    tilted_v, loss = _dual(errors_v, base, columns[0], box_axes, allowed)
     split = np.argmax((np.abs(tilted) * loss)[1:], axis=0)
     return np.maximum(bounds_v, tilted_v), split, better
 
@@ -141,12 +143,12 @@ class _AxisEnds:
         return least, middle - least
 
 
-def _dual(errors_v: Columns, base: Columns, current: Columns, sides, allowed):
+def _dual(errors_v: Columns, base: Columns, current: Columns, box_axes, allowed):
     """The bound from the direction of an error, and the loss of y.phi over each box."""
     size_v = np.linalg.norm(errors_v, axis=1)
     direction = errors_v / np.where(size_v > 0, size_v, 1.0)[:, None]
     ohmic = dot(direction, current)
-    pairs = [side.least(direction) for side in sides]
+    pairs = [box_axis.least(direction) for box_axis in box_axes]
     slopes = np.stack([ohmic, *(least for least, _ in pairs)])
     loss = np.stack([np.zeros_like(ohmic), *(lost for _, lost in pairs)])
     low, high = allowed

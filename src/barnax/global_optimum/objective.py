@@ -14,8 +14,8 @@ from ..cell import CircuitParameters
 from ..cell.elements import RC, get_element, names_beside
 from ..cell.parameters import RATE
 from ..model.box_least_squares import (
+    ActiveSet,
     Columns,
-    Sides,
     least_in_box,
     least_in_boxes,
     with_free_values,
@@ -99,7 +99,7 @@ class LinearObjective(abc.ABC):
         return np.concatenate([blocks[table] for table in range(self.tables)], axis=1), base
 
     def solve(
-        self, log_scales: LogScales, sides: Sides | None = None, exact: bool = False
+        self, log_scales: LogScales, active_set: ActiveSet | None = None, exact: bool = False
     ) -> Solution:
         """The best tables at some scales; `exact` adds the digits of the orthogonal
         factorization."""
@@ -107,24 +107,24 @@ class LinearObjective(abc.ABC):
         low, high = (end[:, 0] for end in self.box_at(np.array(log_scales)[:, None]))
         normal = columns.T @ columns + self.penalty_normal
         normal[np.diag_indices(len(normal))] *= 1 + self.shared
-        x, sides = least_in_box(normal, columns.T @ base, low, high, sides)
+        x, active_set = least_in_box(normal, columns.T @ base, low, high, active_set)
         if exact:
             whole = np.concatenate([columns, self.penalty])
             longer = np.append(base, np.zeros(len(self.penalty)))
-            x = np.clip(with_free_values(whole, longer, x, sides == 0), low, high)
+            x = np.clip(with_free_values(whole, longer, x, active_set == 0), low, high)
         error = base + columns @ x
         bent = self.penalty @ x
         objective_v2 = float(error @ error + bent @ bent)
-        return Solution(log_scales, sides, objective_v2, self.values_of(x), x, error)
+        return Solution(log_scales, active_set, objective_v2, self.values_of(x), x, error)
 
     def least_v2(self, log_scales: Float[np.ndarray, "axes points"]) -> Float[np.ndarray, "points"]:
         """The least J at many scales: for a constant circuit all at once; for tables, whose
         problems are large, each from the active set of the one before."""
         if len(self.penalty_normal) > self.tables:
-            objectives_v2, sides = np.empty(log_scales.shape[1]), None
+            objectives_v2, active_set = np.empty(log_scales.shape[1]), None
             for index, scales in enumerate(log_scales.T.tolist()):
-                solution = self.solve(tuple(scales), sides)
-                objectives_v2[index], sides = solution.objective_v2, solution.sides
+                solution = self.solve(tuple(scales), active_set)
+                objectives_v2[index], active_set = solution.objective_v2, solution.active_set
             return objectives_v2
         # The points share few scales per axis: products of their vectors are computed once.
         first = np.zeros(log_scales.shape[1], int)
@@ -248,12 +248,12 @@ class ConstantObjective(LinearObjective):
     def slope(self, best: Solution) -> Float[np.ndarray, "axes"]:
         """The derivative of the least J by the scales: that at fixed resistances, plus the effect
         of a bound in F on a resistance at it."""
-        slopes, bounded = super().slope(best), np.flatnonzero(best.sides[1:]).tolist()
+        slopes, bounded = super().slope(best), np.flatnonzero(best.active_set[1:]).tolist()
         if not bounded:
             return slopes
         # A resistance's bound depends on its own time constant alone, so all are moved at once.
         low, high = self.box_at(np.array(best.log_scales)[:, None] + np.array([MOVED, -MOVED]))
-        above, below = np.where(best.sides < 0, low.T, high.T)
+        above, below = np.where(best.active_set < 0, low.T, high.T)
         for index in bounded:
             pull = best.error @ self.axes[index].columns_at(best.log_scales[index])[:, 0]
             slopes[index] += 2 * pull * (above - below)[index + 1] / (2 * MOVED)

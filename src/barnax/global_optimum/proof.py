@@ -57,28 +57,28 @@ def prove(
     axes are pairs with the same range.
     """
     boxes, bounds_v, split = first[:0], np.zeros(0), np.zeros(0, int)
-    taken, parents_v, seen = first, np.zeros(len(first)), 0
+    batch, parents_v, seen = first, np.zeros(len(first)), 0
 
-    def wanted() -> tuple[float, float]:
+    def bound_target() -> tuple[float, float]:
         """The slack of a bound, and the bound required with it."""
         slack_v = max(RELATIVE * best_v, ABSOLUTE_V)
         return slack_v, best_v - gap_of(best_v, seen) * max(best_v, SMALLEST_RMSE_V) + slack_v
 
-    slack_v, enough_v = wanted()
+    slack_v, enough_v = bound_target()
     while True:
-        lower_v, axes, best_v = bound(taken, enough_v)
-        seen += len(taken)
-        slack_v, enough_v = wanted()
+        lower_v, axes, best_v = bound(batch, enough_v)
+        seen += len(batch)
+        slack_v, enough_v = bound_target()
         # A bound for a box holds for its halves.
         bounds_v = np.concatenate([bounds_v, np.maximum(lower_v, parents_v)])
         order = np.argsort(bounds_v, kind="stable")
-        boxes, split = np.concatenate([boxes, taken])[order], np.concatenate([split, axes])[order]
+        boxes, split = np.concatenate([boxes, batch])[order], np.concatenate([split, axes])[order]
         bounds_v = bounds_v[order]
         low = int(np.searchsorted(bounds_v, enough_v))
         count = min(low, at_once, max_boxes - seen)
         if enough_v <= slack_v or count <= 0:
             return min(max(0.0, float(bounds_v[0]) - slack_v), best_v), seen
-        taken, parents = _halves(boxes[:count], split[:count], interchangeable)
+        batch, parents = _halves(boxes[:count], split[:count], interchangeable)
         parents_v = bounds_v[parents]
         boxes, bounds_v, split = boxes[count:], bounds_v[count:], split[count:]
 

@@ -184,7 +184,7 @@ def _polish(
     for log_scales in starts:
         start = objective.solve(log_scales)
         met = polish(objective, start)
-        exact = objective.solve(met.log_scales, met.sides, exact=True)
+        exact = objective.solve(met.log_scales, met.active_set, exact=True)
         ends.append(objective.circuit(exact))
         moved.append(largest_change(objective.circuit(start), ends[-1]))
         are_flat.append(objective.is_flat(exact))

@@ -38,7 +38,7 @@ from ..over_soc.ageing import (
     OCV_NODES,
     SHAPE_ODDS,
     SHAPES_V,
-    Aged,
+    AgeingEstimate,
     is_determined,
     measure_ageing,
     shows_both_ends,
@@ -201,7 +201,7 @@ def ageing_row(
     return row, [*_doubts(ageing, records[0])]
 
 
-def _doubts(ageing: Mapping[str, Aged], used: PreparedRecord) -> Iterator[Notice]:
+def _doubts(ageing: Mapping[str, AgeingEstimate], used: PreparedRecord) -> Iterator[Notice]:
     """Notices that values have not settled, and that a record implies a capacity which differs from
     its circuit's by more than is negligible."""
     if not all(value.is_settled for value in ageing.values()):

@@ -30,7 +30,7 @@ Problems = Float[np.ndarray, "unknowns problems"]
 Unknowns = Float[np.ndarray, "unknowns"]
 Square = Float[np.ndarray, "unknowns unknowns"]
 # At the lower bound -1, at the upper one 1, free 0.
-Sides = Int[np.ndarray, "unknowns"]
+ActiveSet = Int[np.ndarray, "unknowns"]
 
 
 def normal_equations(
@@ -101,13 +101,13 @@ def least_in_boxes(
 
 def _enumerated(normal, gradient: Problems, low: Problems, high: Problems) -> Problems:
     """The best of all active sets, each moved into the box."""
-    sides = np.array([*itertools.product((-1, 0, 1), repeat=len(low))]).T[..., None]
-    step, best = max(1, SETS_AT_ONCE // sides.shape[1]), low.copy()
+    active_set = np.array([*itertools.product((-1, 0, 1), repeat=len(low))]).T[..., None]
+    step, best = max(1, SETS_AT_ONCE // active_set.shape[1]), low.copy()
     for first in range(0, low.shape[1], step):
         here = slice(first, first + step)
         h, g, least, most = (array[..., None, here] for array in (normal, gradient, low, high))
-        bound = np.where((sides > 0) & np.isfinite(most), most, least)
-        x = _free_minimum(h, g, bound, (sides == 0) & (least < most))
+        bound = np.where((active_set > 0) & np.isfinite(most), most, least)
+        x = _free_minimum(h, g, bound, (active_set == 0) & (least < most))
         x = np.clip(x, least, most)
         value = np.sum(x * (2 * g + _times(h, x)), axis=0)
         lowest = np.argmin(np.where(np.isnan(value), np.inf, value), axis=0)
@@ -154,34 +154,38 @@ def _times(normal, x: Float[np.ndarray, "unknowns *sets"]) -> Float[np.ndarray, 
 
 
 def least_in_box(
-    normal: Square, gradient: Unknowns, low: Unknowns, high: Unknowns, sides: Sides | None = None
-) -> tuple[Unknowns, Sides]:
+    normal: Square,
+    gradient: Unknowns,
+    low: Unknowns,
+    high: Unknowns,
+    active_set: ActiveSet | None = None,
+) -> tuple[Unknowns, ActiveSet]:
     """The x in [low, high] with the least x.(normal x) / 2 + gradient.x, and which are at a bound.
 
-    `normal` is positive definite. `sides` are a guess of the bounds, such as a neighbor's answer.
+    `normal` is positive definite. `active_set` is a guess of the bounds, such as a neighbor's.
     Block principal pivoting (Portugal, Judice and Vicente, Math. Comp. 63 (1994) 625): all unknowns
     on the wrong side change it at once; if that does not help, only the last of them does, which
     always terminates.
 
-    >>> x, sides = least_in_box(np.eye(2), np.array([1.0, -1.0]), np.zeros(2), np.full(2, 9.0))
-    >>> x.tolist(), sides.tolist()
+    >>> x, active_set = least_in_box(np.eye(2), np.array([1.0, -1.0]), np.zeros(2), np.full(2, 9.0))
+    >>> x.tolist(), active_set.tolist()
     ([0.0, 1.0], [-1, 0])
     """
     is_held = low >= high
-    sides = np.zeros(len(low), int) if sides is None else sides.copy()
-    sides[is_held] = -1
+    active_set = np.zeros(len(low), int) if active_set is None else active_set.copy()
+    active_set[is_held] = -1
     unit = np.sqrt(np.diag(normal))
     fewest, patience = len(low) + 1, PATIENCE
     x = low
     for _ in range(MAX_ROUNDS):
-        free = np.flatnonzero(sides == 0)
-        x = np.where(sides < 0, low, np.where(sides > 0, high, 0.0))
+        free = np.flatnonzero(active_set == 0)
+        x = np.where(active_set < 0, low, np.where(active_set > 0, high, 0.0))
         x[free] = _solved(normal[np.ix_(free, free)], -(gradient + normal @ x)[free])
         pull = normal @ x
         slope = gradient + pull
         slack = ROUNDING * (np.abs(gradient) + unit * np.sqrt(max(x @ pull, 0.0)))
         span = ROUNDING * np.abs(x)
-        is_low, is_high = sides < 0, sides > 0
+        is_low, is_high = active_set < 0, active_set > 0
         wrong = np.flatnonzero(
             ~is_held
             & ~np.where(
@@ -199,8 +203,8 @@ def least_in_box(
         else:
             wrong = wrong[-1:]
         now = np.where(x[wrong] < low[wrong], -1, 1)
-        sides[wrong] = np.where(sides[wrong] == 0, now, 0)
-    return np.clip(x, low, high), sides
+        active_set[wrong] = np.where(active_set[wrong] == 0, now, 0)
+    return np.clip(x, low, high), active_set
 
 
 def with_free_values(

@@ -96,7 +96,7 @@ class Solved:
     starts."""
 
     log_scales: LogScales
-    sides: Any
+    active_set: Any
     objective_v2: float
 
     @property
@@ -116,7 +116,9 @@ class Descended(Protocol[Polished]):
     def axes(self) -> Any: ...
     @property
     def interchangeable(self) -> int: ...
-    def solve(self, log_scales: LogScales, sides: Any = None, exact: bool = False) -> Polished: ...
+    def solve(
+        self, log_scales: LogScales, active_set: Any = None, exact: bool = False
+    ) -> Polished: ...
     def slope(self, solution: Polished, /) -> Float[np.ndarray, "axes"]: ...
     def least_v2(
         self, log_scales: Float[np.ndarray, "axes points"]
@@ -130,7 +132,7 @@ def polish(objective: Descended[Polished], start: Polished) -> Polished:
 
     def measure(log_scales: Float[np.ndarray, "axes"]) -> tuple[float, Float[np.ndarray, "axes"]]:
         nonlocal best
-        measured = objective.solve(tuple(log_scales.tolist()), best.sides)
+        measured = objective.solve(tuple(log_scales.tolist()), best.active_set)
         if measured.objective_v2 < best.objective_v2:
             best = measured
         unit = start.objective_v2 or 1.0

@@ -109,7 +109,7 @@ def ends_of(records: Sequence[PreparedRecord], taus_s: Range, gammas: Range | No
 class Layout:
     """The columns of a factor. `amplitude` gives the columns of a dynamic hysteresis: none, those
     of the measured gap, or those of a table. The OCV correction is at `ocv_nodes`, all other tables
-    at `nodes`. Several voltages under one current are as many `sides`."""
+    at `nodes`. Several voltages under one current are as many `voltages`."""
 
     nodes: tuple[float, ...]
     ocv_nodes: tuple[float, ...]
@@ -117,7 +117,7 @@ class Layout:
     in_rate: Span | None
     has_correction: bool
     has_amplitude: bool
-    sides: int = 1
+    voltages: int = 1
 
     @cached_property
     def columns(self) -> dict[str, Int[np.ndarray, "count width"]]:
@@ -142,7 +142,7 @@ class Layout:
             "initial_hysteresis": (int(self.has_amplitude), nodes),
             "current": (1, nodes),
             "correction": (int(self.has_correction), len(self.ocv_nodes)),
-            "base": (self.sides, 1),
+            "base": (self.voltages, 1),
         }
 
 

@@ -83,7 +83,7 @@ class PreparedRecord(Brief):
         registration = self.window.registration
         if registration is None:
             return self
-        return self.in_window(registration.given).following(self.dependence)
+        return self.in_window(registration.given).with_dependence(self.dependence)
 
     def in_window(self, window: Window, record: Record | None = None) -> "PreparedRecord":
         """A copy prepared in another window or of another record, in the better-fitting direction
@@ -111,7 +111,7 @@ class PreparedRecord(Brief):
         moved = attempt(self.in_window, window, record)
         return None if isinstance(moved, InputError) else moved
 
-    def following(self, dependence: Dependence | None) -> "PreparedRecord":
+    def with_dependence(self, dependence: Dependence | None) -> "PreparedRecord":
         """A copy whose resistances have this law beyond SOC; None for no law."""
         if dependence == self.dependence:
             return self
@@ -172,7 +172,7 @@ class PreparedRecord(Brief):
         return self.record.voltage_v[self.span]
 
     @property
-    def informed(self) -> Bool[np.ndarray, "simulated"]:
+    def is_informative(self) -> Bool[np.ndarray, "simulated"]:
         """The scored samples from the first load on: a rest before it contains no information about
         a circuit."""
         loaded = np.abs(self.current_a) >= self.rest_current_a

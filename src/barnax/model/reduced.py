@@ -71,14 +71,14 @@ class Reduced:
         block = self.factor[:, indices[0, 0] : indices[-1, -1] + 1]
         return block.reshape(len(block), *indices.shape)
 
-    def side(self, number: int) -> "Reduced":
+    def of_voltage(self, number: int) -> "Reduced":
         """The factor of one of several voltages: the remainder of its base error is one row."""
         indices = self.layout.columns["base"][:, 0]
         columns = np.delete(np.arange(self.layout.width), np.delete(indices, number))
         above, below = np.split(self.factor[:, columns], [indices[0]])
         last = np.zeros((1, len(columns)))
         last[0, -1] = np.linalg.norm(below[:, -1])
-        layout = replace(self.layout, sides=1)
+        layout = replace(self.layout, voltages=1)
         return Reduced(layout, self.scored, np.concatenate([above, last]))
 
     def coarser(self, nodes: Sequence[float] = ANYWHERE, has_ocv: bool = False) -> "Reduced":
@@ -111,18 +111,18 @@ def reduce_records(
     layout: Layout,
     groups: Sequence[Groups],
     count: int,
-    beside_v: Float[np.ndarray, "simulated sides"] | None = None,
+    voltage_offsets_v: Float[np.ndarray, "simulated voltages"] | None = None,
 ) -> list[Reduced]:
     """The factor of each of `count` groups of samples; `groups` number those of every record, -1
     for samples that are not scored. Only one block of samples is in memory at a time. For a single
-    record, `beside_v` is the voltage of every side minus the record's.
+    record, `voltage_offsets_v` is the voltage of every side minus the record's.
     """
     order = by_first_visit(prepared_records, layout)
     chains: dict[tuple[int, int], Future] = {}
     scored = np.zeros(count, int)
     with threads(CHAINS) as pool:
         for prepared, group_of in zip(prepared_records, groups, strict=True):
-            for turn, block in enumerate(blocks(prepared, layout, beside_v)):
+            for turn, block in enumerate(blocks(prepared, layout, voltage_offsets_v)):
                 numbers = group_of(block.here)
                 for group in np.unique(numbers[numbers >= 0]).tolist():
                     is_member = numbers == group
@@ -155,7 +155,7 @@ class _Triangle:
 
     @classmethod
     def empty(cls, layout: Layout, order: Int[np.ndarray, "columns"]) -> "_Triangle":
-        fixed = layout.sides
+        fixed = layout.voltages
         if not layout.has_amplitude:
             fixed += layout.columns["hysteresis_response"].size
         return cls(order, fixed, 0, np.zeros((layout.width,) * 2, order="F"))
@@ -212,7 +212,7 @@ def _joined(parts: Sequence[Reduced]) -> Reduced:
     return Reduced(parts[0].layout, sum(part.scored for part in parts), columns.T, order)
 
 
-def together(parts: Sequence[Reduced]) -> Reduced:
+def combine_factors(parts: Sequence[Reduced]) -> Reduced:
     """All parts as one, without rows that are rounding."""
     first = parts[0]
     if all(part.order is not None and part.order is first.order for part in parts):
@@ -252,7 +252,7 @@ class ColumnBlock:
 def blocks(
     prepared: PreparedRecord,
     layout: Layout,
-    beside_v: Float[np.ndarray, "simulated sides"] | None = None,
+    voltage_offsets_v: Float[np.ndarray, "simulated voltages"] | None = None,
 ) -> Iterator[ColumnBlock]:
     """The columns at all samples of a record, block after block. Call inside float64."""
     nodes, rate = np.array(layout.nodes), layout.in_rate
@@ -269,13 +269,13 @@ def blocks(
         spread = spread[:, near]
         left, decays, answers = pairs.next_block(inputs, near, spread)
         base = np.asarray(inputs.base_error_v)[:size, None]
-        if beside_v is not None:
-            base = base + beside_v[here]
+        if voltage_offsets_v is not None:
+            base = base + voltage_offsets_v[here]
 
         into, columns = [layout.columns["pairs"][:, near]], [answers]
         if rate is not None and hysteresis is not None:
             turning = np.asarray(hysteresis.hysteresis_input)
-            hysteresis_state, response = answer_block(
+            hysteresis_state, response = response_block(
                 rate_tau, hysteresis_state, turning, hysteresis.intervals
             )
             response = response[:size, : len(rate.skeleton)]
@@ -335,7 +335,7 @@ class _SharedAnswers:
         states[:, :has_far], states[:, has_far:wide] = 1.0, self._states[:, near]
         # A few channels at a time, so that one program serves any number of near nodes.
         parts = [
-            answer_block(
+            response_block(
                 self._tau,
                 states[:, first : first + CHANNELS],
                 held[:, first : first + CHANNELS],
@@ -360,7 +360,7 @@ def padded_tau(span: Span) -> Float[np.ndarray, "skeleton"]:
     return np.pad(span.skeleton_tau, (0, -len(span.skeleton_tau) % TAU_STEP), "edge")
 
 
-def answer_block(
+def response_block(
     tau: Float[np.ndarray, "skeleton"],
     state: Float[np.ndarray, "skeleton *channels"],
     held: Float[np.ndarray, "samples *channels"],

@@ -15,7 +15,7 @@ from ..cell import CircuitParameters
 from ..cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION
 from ..execution import in_float64
 from .prepared import BLOCK, PreparedRecord
-from .reduced import answer_block
+from .reduced import response_block
 
 
 @in_float64
@@ -63,13 +63,13 @@ def error_blocks_of(
         drops_v = np.zeros_like(error_v)
         for pair, ohm in enumerate(r_ohm):
             held_v, tau_s = ohm * np.asarray(inputs.held_a)[:, None], taus_s[pair : pair + 1]
-            states[pair], drop_v = answer_block(tau_s, states[pair], held_v, inputs.intervals)
+            states[pair], drop_v = response_block(tau_s, states[pair], held_v, inputs.intervals)
             drops_v += drop_v[:, 0]
         error_v = (error_v + drops_v)[:size]
         if inputs.hysteresis is not None and gamma is not None:
             turning = np.asarray(inputs.hysteresis.hysteresis_input)[:, None]
             clock, tau = inputs.hysteresis.intervals, np.array([1 / gamma])
-            turned, state = answer_block(tau, turned, turning, clock)
+            turned, state = response_block(tau, turned, turning, clock)
             amplitudes_v = [np.asarray(each.hysteresis_amplitude_v)[here] for each in records]
             error_v -= state[:size, 0] * np.stack(amplitudes_v, axis=1)
         yield here, error_v.T
@@ -78,7 +78,7 @@ def error_blocks_of(
 def _as_tabulated(prepared: PreparedRecord, circuit: CircuitParameters) -> PreparedRecord:
     """The record with the circuit's properties other than resistances: OCV, hysteresis, and
     resistance law."""
-    prepared = prepared.following(circuit.dependence)
+    prepared = prepared.with_dependence(circuit.dependence)
     source_v, amplitude_v = prepared.source_v, prepared.hysteresis_amplitude_v
     if OCV_CORRECTION in circuit.tables:
         source_v = source_v + circuit.at(OCV_CORRECTION, prepared.soc)

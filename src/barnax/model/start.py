@@ -16,7 +16,7 @@ from ..records import Record
 from ..records.log import goes_on
 from ..records.record import MINIMUM_REST_S, Segments, is_long
 from ..settings import SocSource
-from .window import Window, cell_at_rest, fitted_soc, mean_at_rest, relaxing_rest
+from .window import Window, fitted_soc, mean_at_rest, relaxing_rest, soc_from_rest
 
 # A discharge reaches empty after this time, at up to C/1.8, because many tests run at C/2. The
 # voltage without R I is within 2 % of an end.
@@ -233,14 +233,14 @@ class _Beginning:
         for first, last, rest_s in self.segments.rests:
             if first and is_long(rest_s):
                 direction = -1 if self.record.current_a[first - 1] > 0 else 1
-                rest = cell_at_rest(self.segments, self.cell, last, direction)
+                rest = soc_from_rest(self.segments, self.cell, last, direction)
                 if rest is not None:
                     yield DeterminedSoc(rest[0], "rest elsewhere", last, rest[1])
 
     def rested(self, at: int, direction: int) -> tuple[float, float]:
         """The SOC given by the rest around a sample, and its standard error. Raises `InputError` if
         it is beyond the OCV."""
-        rest = cell_at_rest(self.segments, self.cell, at, direction)
+        rest = soc_from_rest(self.segments, self.cell, at, direction)
         if rest is None:
             beyond = self.cell.beyond_ocv(mean_at_rest(self.segments, at)[0], direction)
             raise InputError(f"{self.record.name}: row {self.record.row[at]}: {beyond}")

@@ -228,7 +228,7 @@ _STEP_SOC = 0.01
 _DRIFTING = 4.0
 
 
-def cell_at_rest(
+def soc_from_rest(
     segments: Segments, cell: CellModel, at: int, direction: int
 ) -> tuple[float, float] | None:
     """The SOC from the rest around the sample `at`, for a cell that came from a direction, and its

@@ -31,9 +31,9 @@ from ..execution import in_float64
 from ..model.prepared import FEWEST_SAMPLES, PreparedRecord
 from ..model.search_space import Range
 from ..records.record import is_long, runs
-from .nuisances import Estimated, Measured, estimate, of_starts
+from .nuisances import NuisanceEstimate, PseudoMeasurements, estimate, of_starts
 from .objective import Solution, TableObjective
-from .problem import box_of, find_best, reduced_objective, solved_at
+from .problem import find_best, reduced_objective, search_ranges, solve_at
 from .registration import FROM_VOLTAGE, FULL_SD, REACH, REST_SD_V, prior_sd
 from .settings import TableSettings
 
@@ -73,7 +73,7 @@ DETERMINED = {CAPACITY: 0.05, R0: 0.25, R: 0.5}
 
 
 @dataclass(frozen=True)
-class Aged:
+class AgeingEstimate:
     """One aged quantity with its 95 % interval. `by_ocv` is the error of the value if the earlier
     OCV is off by one standard deviation at one of its nodes: it is common to all records evaluated
     with one OCV. `by_shape` has value, standard error and `by_ocv` under each of `SHAPES_V`,
@@ -102,7 +102,7 @@ def measure_ageing(
     settings: TableSettings,
     *,
     is_fitted: bool = False,
-) -> dict[str, Aged]:
+) -> dict[str, AgeingEstimate]:
     """Capacity, start, OCV shift, and R0 and the sum of all resistances at `AT_SOC` of the
     estimated capacity, by name.
 
@@ -125,7 +125,7 @@ def measure_ageing(
         settings, folds=0, max_boxes=0, resistances_follow="none", half_hysteresis=False
     )
     # A pair slower than a correction of the OCV allows for imitates a capacity.
-    ranges = box_of(records, plain)
+    ranges = search_ranges(records, plain)
     plain = replace(plain, ocv_correction=False)
     given_soc, count = np.array([prepared.start.soc for prepared in records]), len(records)
     # The SOC called full when the OCV was identified has this error.
@@ -135,49 +135,49 @@ def measure_ageing(
     priors = [np.array([*sds, *[shape_v / np.sqrt(steps)] * steps]) for shape_v in SHAPES_V]
     priors = [np.full_like(priors[0], HELD_SD)] if is_fitted else priors
 
-    def moved_to(now: Nuisance) -> list[PreparedRecord] | None:
-        share, starts = float(np.exp(now[count])), (given_soc + now[:count]).tolist()
+    def moved_to(iterate: Nuisance) -> list[PreparedRecord] | None:
+        share, starts = float(np.exp(iterate[count])), (given_soc + iterate[:count]).tolist()
         capacities_ah = [share * prepared.capacity_ah for prepared in records]
-        return _all_moved(records, zip(starts, capacities_ah, strict=True), now[count + 1 :])
+        return _all_moved(records, zip(starts, capacities_ah, strict=True), iterate[count + 1 :])
 
     shares = (1.0,) if is_fitted else SHARES
     guesses = [np.where(np.arange(len(priors[0])) == count, np.log(share), 0.0) for share in shares]
     best_guess = _best_guess(guesses, moved_to, plain, ranges)
     if best_guess is None:
         return {}
-    now, moved = best_guess
+    iterate, moved = best_guess
     objective = reduced_objective(moved, plain, ranges)
     best = find_best(objective)
     # Weights of R0, and of the sum of all resistances.
     at_soc = hats(np.array([AT_SOC]), objective.nodes_of[0])[0]
     weights = np.stack([np.append(at_soc, np.zeros(objective.pairs * len(at_soc))),
                         np.tile(at_soc, 1 + objective.pairs)])  # fmt: skip
-    under, averaged, is_settled = [], None, False
+    estimates, averaged, is_settled = [], None, False
     for _ in range(ROUNDS):
-        rests = None if is_fitted else _rests(objective.prepared_records, now)
-        under = estimate(objective, best, _columns, now, priors, weights, rests)
-        averaged = _averaged(under)
-        step = np.clip(averaged.values[: now.size] - now, -LARGEST_STEP, LARGEST_STEP)
-        now = now + step
-        are_settled = np.abs(step) < SETTLED * averaged.errors[: now.size] + HELD_SD
+        rests = None if is_fitted else _rests(objective.prepared_records, iterate)
+        estimates = estimate(objective, best, _columns, iterate, priors, weights, rests)
+        averaged = _averaged(estimates)
+        step = np.clip(averaged.values[: iterate.size] - iterate, -LARGEST_STEP, LARGEST_STEP)
+        iterate = iterate + step
+        are_settled = np.abs(step) < SETTLED * averaged.errors[: iterate.size] + HELD_SD
         # Steps of the OCV's shape, which nothing measures, keep moving longest.
         is_settled = bool(np.all(are_settled[: count + 2]))
         if np.all(are_settled):
             break
         lows, highs = np.log(np.array([*ranges.values()])).T
         scales = np.clip(np.array(best.log_scales) + averaged.moved_scales, lows, highs)
-        moved = moved_to(now)
+        moved = moved_to(iterate)
         if moved is None:
             return {}
         at = tuple(scales.tolist())
-        objective, best = solved_at(moved, plain, objective.ranges, at, exact=True)
+        objective, best = solve_at(moved, plain, objective.ranges, at, exact=True)
     assert averaged is not None, "there is a round"
     is_visited = bool(np.any(objective.visited @ weights[0, : objective.nodes]))
-    every = dict(_quantities(averaged, under, records, given_soc, is_visited, is_settled))
+    every = dict(_quantities(averaged, estimates, records, given_soc, is_visited, is_settled))
     return {name: every[name] for name in (R0,) if name in every} if is_fitted else every
 
 
-def _averaged(under: Sequence[Estimated]) -> Estimated:
+def _averaged(under: Sequence[NuisanceEstimate]) -> NuisanceEstimate:
     """The estimates averaged over the sizes of the shape change, weighted by their
     probabilities."""
     evidence = np.array([each.log_evidence for each in under])
@@ -188,7 +188,7 @@ def _averaged(under: Sequence[Estimated]) -> Estimated:
     mean = {name: np.tensordot(shares, values, 1) for name, values in stacked.items()}
     off = stacked["values"] - mean["values"]
     mean["covariance"] += np.einsum("s,si,sj->ij", shares, off, off)
-    return Estimated(**mean, log_evidence=float(np.logaddexp.reduce(evidence)))
+    return NuisanceEstimate(**mean, log_evidence=float(np.logaddexp.reduce(evidence)))
 
 
 def _best_guess(
@@ -215,7 +215,7 @@ def _best_guess(
             replace(record, scored=np.pad(here, (0, len(record.scored) - len(here))))
             for record, here in zip(records, scored, strict=True)
         ]
-        return solved_at(alike, settings, ranges, tried)[1].objective_v2
+        return solve_at(alike, settings, ranges, tried)[1].objective_v2
 
     return min(moved, key=lambda guess: cost_v2(guess[1]))
 
@@ -280,7 +280,7 @@ def _steep_rests(prepared: PreparedRecord) -> Iterator[tuple[int, int, float, fl
             yield int(first), int(last), rested, slope
 
 
-def _rests(prepared_records: Sequence[PreparedRecord], now: Nuisance) -> Measured | None:
+def _rests(prepared_records: Sequence[PreparedRecord], now: Nuisance) -> PseudoMeasurements | None:
     """The voltages of steep rests; None if there are none. They are linearized at the SOC given by
     the voltage: a wrong capacity may have led to where the OCV is flat."""
     count, columns, errors_v, slopes = len(prepared_records), [], [], []
@@ -297,7 +297,9 @@ def _rests(prepared_records: Sequence[PreparedRecord], now: Nuisance) -> Measure
     # The SOC called empty varies as that called full does, equally for all rests near it.
     common = FULL_SD * np.array(slopes)
     root = np.linalg.cholesky(common @ common.T + REST_SD_V**2 * np.eye(len(columns)))
-    return Measured(np.linalg.solve(root, np.array(columns)), np.linalg.solve(root, errors_v))
+    return PseudoMeasurements(
+        np.linalg.solve(root, np.array(columns)), np.linalg.solve(root, errors_v)
+    )
 
 
 def _start_sd(prepared: PreparedRecord) -> float:
@@ -324,13 +326,13 @@ def _columns(
 
 
 def _quantities(
-    averaged: Estimated,
-    under: Sequence[Estimated],
+    averaged: NuisanceEstimate,
+    under: Sequence[NuisanceEstimate],
     records: Sequence[PreparedRecord],
     given_soc: Nuisance,
     is_visited: bool,
     is_settled: bool,
-) -> Iterator[tuple[str, Aged]]:
+) -> Iterator[tuple[str, AgeingEstimate]]:
     """The quantities with intervals."""
     count, nominal_ah = len(records), records[0].capacity_ah
     rows = {"start SOC": 0, CAPACITY: count, SHIFT: count + 1}
@@ -342,11 +344,11 @@ def _quantities(
         by_shape = tuple(_numbers(estimated, name, row, at_zero, nominal_ah) for estimated in under)
         common = by_shape, log_evidence, bool(is_determined(name, value, error)), is_settled
         ends = value - REACH * error, value + REACH * error
-        yield name, Aged(value, *ends, tuple(by_ocv), *common)
+        yield name, AgeingEstimate(value, *ends, tuple(by_ocv), *common)
 
 
 def _numbers(
-    of: Estimated, name: str, row: int, at_zero: float, nominal_ah: float
+    of: NuisanceEstimate, name: str, row: int, at_zero: float, nominal_ah: float
 ) -> tuple[float, ...]:
     """Value, standard error, and the error of the value due to the earlier OCV."""
     # The OCV's axis and its errors: changes of its shape belong to this age alone.

@@ -86,7 +86,7 @@ def certify(objective: Any, best: Polished, alone_v: Sequence[float] = (0.0,)) -
             total += weight * lowest_v2
         if middle.rms_v < best.rms_v * (1 - BETTER):
             met = polish(objective, middle)
-            exact = objective.solve(met.log_scales, met.sides, exact=True)
+            exact = objective.solve(met.log_scales, met.active_set, exact=True)
             # Put in order of time constant, pairs whose resistances have different bounds may fit
             # less well.
             best = min(best, exact, key=lambda end: end.objective_v2)
@@ -152,7 +152,7 @@ class _Relaxation:
         Work stops as soon as the bound reaches `enough`; the bound is 0 if it cannot.
         """
         objective = self.objective
-        sides = [
+        box_axes = [
             _BoxAxis.of(axis, ends, middle, derivatives, scale)
             for axis, ends, derivatives, scale in zip(
                 objective.axes, box, self.remainders, middle.log_scales, strict=True
@@ -165,18 +165,18 @@ class _Relaxation:
         base, low, high = objective.base, *(limit.copy() for limit in objective.box)
         # Both blocks of every axis that has a table.
         pairs: dict[int, tuple[slice, slice]] = {}
-        for number, side in enumerate(sides):
-            table, start = side.axis.table, len(low) + len(ends)
+        for number, box_axis in enumerate(box_axes):
+            table, start = box_axis.axis.table, len(low) + len(ends)
             if table is None:
-                base = base + side.three[0, :, 0]
-                if not side.half_width:
+                base = base + box_axis.three[0, :, 0]
+                if not box_axis.half_width:
                     continue
-                upper.append(side.three[2] - side.three[0])
+                upper.append(box_axis.three[2] - box_axis.three[0])
                 upper_penalty.append(np.zeros((len(objective.penalty), 1)))
                 ends.append(1.0)
             else:
-                lower[table] = fixed.get(table, 0.0) + side.three[0]
-                upper.append(fixed.get(table, 0.0) + side.three[2])
+                lower[table] = fixed.get(table, 0.0) + box_axis.three[0]
+                upper.append(fixed.get(table, 0.0) + box_axis.three[2])
                 block = objective.block(table)
                 upper_penalty.append(objective.penalty[:, block])
                 low[block] = 0.0
@@ -194,18 +194,20 @@ class _Relaxation:
 
         guess, size = None, float(np.linalg.norm(middle.error))
 
-        def at_corner(sides: Sequence[_BoxAxis], signs: Sequence[float]) -> float:
+        def at_corner(box_axes: Sequence[_BoxAxis], signs: Sequence[float]) -> float:
             nonlocal guess
             cost = np.zeros(len(gradient))
             for number, (first, second) in pairs.items():
-                side = sides[number]
-                tilt, tax = 2 * size * side.remainder, side.tax * side.half_width
+                box_axis = box_axes[number]
+                tilt, tax = 2 * size * box_axis.remainder, box_axis.tax * box_axis.half_width
                 cost[first] = -tax * (1 + signs[number]) - tilt
                 cost[second] = tax * (1 - signs[number]) - tilt
             best = 0.0
             for _ in range(PROGRAMS):
                 x, guess = least_in_box(normal, gradient + cost / 2, low, high, guess)
-                value, lacking = self._dual(base + columns @ x, penalty @ x, sides, signs, limits)
+                value, lacking = self._dual(
+                    base + columns @ x, penalty @ x, box_axes, signs, limits
+                )
                 best = max(best, value)
                 if best >= enough:
                     break
@@ -214,21 +216,23 @@ class _Relaxation:
                         cost[block] -= TILT * lacking[number]
             return best
 
-        untaxed = [replace(side, tax=np.zeros_like(side.tax)) for side in sides]
-        lowest = at_corner(untaxed, [0.0] * len(sides))
+        untaxed = [replace(box_axis, tax=np.zeros_like(box_axis.tax)) for box_axis in box_axes]
+        lowest = at_corner(untaxed, [0.0] * len(box_axes))
         if lowest >= enough:
             return lowest
         lowest = math.inf
-        is_open = [side.half_width > 0 and side.axis.table is not None for side in sides]
+        is_open = [
+            box_axis.half_width > 0 and box_axis.axis.table is not None for box_axis in box_axes
+        ]
         for signs in itertools.product(
             *((-1.0, 1.0) if can_tilt else (0.0,) for can_tilt in is_open)
         ):
-            lowest = min(lowest, at_corner(sides, signs))
+            lowest = min(lowest, at_corner(box_axes, signs))
             if lowest < enough:
                 return 0.0
         return lowest
 
-    def _dual(self, error, bent, sides: Sequence[_BoxAxis], signs, limits):
+    def _dual(self, error, bent, box_axes: Sequence[_BoxAxis], signs, limits):
         """The bound on J from an error and a penalty, and the shortfall of each axis's slopes."""
         objective = self.objective
         slope = 2 * (bent @ objective.penalty)
@@ -236,13 +240,13 @@ class _Relaxation:
         for table, columns in objective.fixed_columns.items():
             slope[objective.block(table)] += 2 * (error @ columns)
         lacking = {}
-        for number, (side, sign) in enumerate(zip(sides, signs, strict=True)):
-            if side.axis.table is None:
-                value += float(side.least(error, np.zeros(1))[0])
+        for number, (box_axis, sign) in enumerate(zip(box_axes, signs, strict=True)):
+            if box_axis.axis.table is None:
+                value += float(box_axis.least(error, np.zeros(1))[0])
             else:
-                tax = side.tax * side.half_width
-                of_table = slope[objective.block(side.axis.table)]
-                of_table += side.least(error, tax) - sign * tax
+                tax = box_axis.tax * box_axis.half_width
+                of_table = slope[objective.block(box_axis.axis.table)]
+                of_table += box_axis.least(error, tax) - sign * tax
                 lacking[number] = np.maximum(-of_table, 0.0)
         low, high = limits
         return value + float(np.sum(np.minimum(low * slope, high * slope))), lacking

@@ -20,11 +20,11 @@ from .node_interval import NodeInterval, mean_weights, parts_of
 from .objective import Solution, TableObjective
 from .problem import (
     BANDS,
-    are_left_out_whole,
     block_length_s,
     held_at,
     numbered_blocks,
     reduced_objective,
+    supports_leave_one_out,
 )
 
 # Fewer records give no spread.
@@ -121,7 +121,7 @@ def cross_validate(objective: TableObjective, best: Solution) -> CrossValidation
     records, block_s, by_record = objective.prepared_records, None, ()
     if not objective.is_of_factors:
         block_s = block_length_s(records[0], objective.settings)
-    if objective.is_of_factors or are_left_out_whole(records):
+    if objective.is_of_factors or supports_leave_one_out(records):
         groups = _Groups.of(_as_given(objective, best), best)
         by_record = _by_record(groups.held_out(groups.record))
     return CrossValidation(objective.settings.folds, block_s, tables, by_record)
@@ -240,7 +240,7 @@ class _Groups:
     def fitted_to(self, is_in: Bool[np.ndarray, "groups"]) -> Float[np.ndarray, "unknowns"]:
         """The unknowns that fit the selected groups best."""
         equations = self.normal(np.where(is_in, self.scored, 0))
-        return least_in_box(*equations, *self.objective.box, self.best.sides)[0]
+        return least_in_box(*equations, *self.objective.box, self.best.active_set)[0]
 
     def without(
         self, labels: Int[np.ndarray, "groups"], has_ocv_of_all: bool = False
@@ -260,7 +260,7 @@ class _Groups:
         x = x.copy()
         x[ocv] = 0.0
         pushed = (gradient + normal @ x)[ocv]
-        equations = normal[ocv, ocv], pushed, low[ocv], high[ocv], self.best.sides[ocv]
+        equations = normal[ocv, ocv], pushed, low[ocv], high[ocv], self.best.active_set[ocv]
         x[ocv] = least_in_box(*equations)[0]
         return x
 
@@ -291,7 +291,7 @@ def with_spread(
     between loads of the same cell.
     """
     records = objective.prepared_records
-    by_record = objective.is_of_factors or are_left_out_whole(objective.prepared_records)
+    by_record = objective.is_of_factors or supports_leave_one_out(objective.prepared_records)
     if len(records) < FEWEST_RECORDS or not objective.settings.folds or not by_record:
         return tuple(intervals)
     groups, rows, visits = _Groups.of(objective, best), [], []

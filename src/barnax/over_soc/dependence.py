@@ -21,7 +21,7 @@ from ..model.box_least_squares import least_in_box
 from ..model.descent import LogScales
 from ..model.prepared import PreparedRecord
 from ..model.reference import errors_along
-from .intervals import linearized, with_penalty
+from .intervals import jacobian_blocks, with_penalty
 from .objective import Solution, TableObjective
 from .problem import find_best, reduced_objective
 
@@ -58,12 +58,14 @@ def laws_for(prepared_records: Sequence[PreparedRecord]) -> tuple[str, ...]:
     return (*kinds, "direction") if prepared_records[0].cell.ocv_is_fitted else kinds
 
 
-def with_asked(objective: TableObjective, best: Solution) -> tuple[TableObjective, Solution]:
+def with_requested_dependence(
+    objective: TableObjective, best: Solution
+) -> tuple[TableObjective, Solution]:
     """The objective and solution with the laws that `resistances_follow` names."""
     asked = objective.settings.resistances_follow
     for what in asked.split(",") if asked not in ("auto", "none") else ():
         if (proposed := propose(objective, best, what, is_asked=True)) is not None:
-            records = [record.following(proposed[0]) for record in objective.prepared_records]
+            records = [record.with_dependence(proposed[0]) for record in objective.prepared_records]
             objective = reduced_objective(records, objective.settings, objective.ranges)
             best = find_best(objective)
     return objective, best
@@ -87,7 +89,7 @@ def propose(
     if not trials:
         return None
     normal = _Normal.of(objective, best, trials)
-    at, scales = normal.solved(best.log_scales, best.sides), len(best.log_scales)
+    at, scales = normal.solved(best.log_scales, best.active_set), len(best.log_scales)
     others = [*range(scales + len(objective.numbers))]
     _, without = normal.step(at, others)
     promised = []
@@ -98,7 +100,7 @@ def propose(
     if not promised:
         return None
     _, share, tried = max(promised, key=lambda promise: promise[0])
-    return polished(objective, at, _scaled(tried, min(max(share, FEWEST), MOST), what))
+    return refine_dependence(objective, at, _scaled(tried, min(max(share, FEWEST), MOST), what))
 
 
 def _trials(records: Sequence[PreparedRecord], what: str, is_asked: bool) -> list[Dependence]:
@@ -175,7 +177,7 @@ def _scaled(tried: Dependence, share: float, what: str) -> Dependence:
     return tried.with_numbers({name: times * number})
 
 
-def polished(
+def refine_dependence(
     objective: TableObjective, start: Solution, first: Dependence
 ) -> tuple[Dependence, LogScales]:
     """The dependence at which Gauss-Newton steps end, in its numbers and all time constants, and
@@ -194,11 +196,11 @@ def polished(
         numbers = dict(zip(names, np.exp(tried[count:]).tolist(), strict=True))
         law = first.with_numbers(numbers)
         # The factors do not contain the dependence yet.
-        records = [prepared.following(law) for prepared in objective.prepared_records]
+        records = [prepared.with_dependence(law) for prepared in objective.prepared_records]
         here = replace(objective, prepared_records=records)
         log_scales = tuple(tried[:count].tolist())
         normal = _Normal.of(here, replace(solution, log_scales=log_scales))
-        now = normal.solved(log_scales, solution.sides)
+        now = normal.solved(log_scales, solution.active_set)
         now_v2 = now.objective_v2 * math.exp(float(pull @ (tried - usual) ** 2))
         if now_v2 >= best_v2:
             step = BACK * step
@@ -242,22 +244,22 @@ class _Normal:
             return np.stack(moved, axis=1)[prepared.scored]
 
         further = differences if trials else None
-        for columns, base, _ in linearized(objective, solution, further=further, every=every):
+        for columns, base, _ in jacobian_blocks(objective, solution, further=further, every=every):
             rows = np.column_stack([columns, base])
             products = products + rows.T @ rows
             samples += len(rows)
         return cls(objective, products / samples)
 
-    def solved(self, log_scales: tuple[float, ...], sides: Int[np.ndarray, "_"]) -> Solution:
+    def solved(self, log_scales: tuple[float, ...], active_set: Int[np.ndarray, "_"]) -> Solution:
         """The best tables at these scales; their errors are not computed."""
         objective, to_tables = self.objective, self.objective.to_tables
         block = slice(len(to_tables))
         normal = to_tables.T @ self.products[block, block] @ to_tables + objective.penalty_normal
         gradient = to_tables.T @ self.products[block, -1]
-        x, sides = least_in_box(normal, gradient, *objective.box, sides)
+        x, active_set = least_in_box(normal, gradient, *objective.box, active_set)
         objective_v2 = float(self.products[-1, -1] + x @ (2 * gradient + normal @ x))
         values = objective.values_of(x)
-        return Solution(log_scales, sides, objective_v2, values, x, np.empty(0))
+        return Solution(log_scales, active_set, objective_v2, values, x, np.empty(0))
 
     def step(
         self,
@@ -269,10 +271,10 @@ class _Normal:
         """The best step along some slopes, with all tables readjusted within their bounds, and the
         reduction of J that it promises. `pull` is half the curvature of any term added to J, and
         `pulled` half its slope."""
-        ways = self.objective.ways(at)
-        count, free = ways.shape
+        directions = self.objective.free_directions(at)
+        count, free = directions.shape
         chosen = np.zeros((len(self.products) - 1, free + len(slopes)))
-        chosen[:count, :free] = ways
+        chosen[:count, :free] = directions
         chosen[count + np.array(slopes, int), free + np.arange(len(slopes))] = 1.0
         values = np.concatenate(at.values)
         stiff = with_penalty(self.objective, self.products[:-1, :-1], np.eye(len(chosen)))

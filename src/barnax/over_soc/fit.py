@@ -24,7 +24,7 @@ from ..search.answers import AtBound, near_ends
 from ..uncertainty.covariance import named_values
 from .certificate import certify
 from .cross_validation import CrossValidation, SocErrors, cross_validate, with_spread
-from .dependence import with_asked
+from .dependence import with_requested_dependence
 from .intervals import intervals_of
 from .node_interval import Fact, NodeInterval, parts_of
 from .nuisances import OffsetEffect
@@ -207,11 +207,11 @@ def fit_tables(
     """
     settings = settings or TableSettings()
     objective = reduced_objective(prepared_records, settings)
-    objective, best = with_asked(objective, find_best(objective))
-    return fit_of(objective, certify(objective, best))
+    objective, best = with_requested_dependence(objective, find_best(objective))
+    return assemble_fit(objective, certify(objective, best))
 
 
-def fit_of(
+def assemble_fit(
     objective: TableObjective,
     proof: Proof,
     prepared_records: Sequence[PreparedRecord] | None = None,
@@ -229,7 +229,9 @@ def fit_of(
         judged = prepared_records or objective.prepared_records
         errors = tuple(pooled_errors([prepared], tables) for prepared in judged)
         undetermined = _undetermined(objective, errors)
-        nodes = [one.opened() if (one.name, one.soc) in undetermined else one for one in nodes]
+        nodes = [
+            one.as_undetermined() if (one.name, one.soc) in undetermined else one for one in nodes
+        ]
     intervals = with_spread(objective, best, nodes)
     means = tuple(
         one for one in intervals if one.soc is None and parts_of(one.name)[0] in tables.tables
@@ -271,10 +273,10 @@ def _undetermined(objective: TableObjective, errors: Sequence[SocErrors]) -> set
     the circuit: for R0, those without a current step nearby; for a fitted OCV, those without a long
     rest, where the circuit does not model the loads, and the next one above, half of whose samples
     are below it."""
-    undetermined, telling = set(), {OHMIC}
+    undetermined, judged = set(), {OHMIC}
     if any(one.above_v and one.rmse_v > LEFT_BELOW * one.above_v for one in errors):
-        telling.add(OCV)
-    for name in telling & set(objective.names):
+        judged.add(OCV)
+    for name in judged & set(objective.names):
         nodes = objective.nodes_of[objective.names.index(name)]
         is_determined = is_above(nodes if name == OHMIC else np.append(nodes[:1], nodes[:-1]))
         for prepared in objective.prepared_records:

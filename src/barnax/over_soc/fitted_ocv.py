@@ -23,14 +23,14 @@ from ..model.prepared import PreparedRecord, prepare_record
 from ..model.window import Window
 from ..notices import Notice
 from .certificate import certify
-from .fit import OcvCompared, TableFit, fit_of
-from .level import cell_of, leveled, with_fitted_ocv
+from .fit import OcvCompared, TableFit, assemble_fit
+from .level import cell_with_fitted_ocv, with_fitted_ocv, with_flat_ocv
 from .node_interval import parts_of
 from .nuisances import offset_effect
 from .objective import Solution, TableObjective
-from .problem import box_of, solved_at
+from .problem import search_ranges, solve_at
 from .settings import TableSettings
-from .starts import Starts, UntestedRecords, windows_of
+from .starts import RecordsWithoutOcvTest, Starts, windows_of_records
 from .temperature import TableFits, fit_temperatures, group_by_temperature
 
 
@@ -65,7 +65,7 @@ class FittedOcv(Brief):
 
 
 def prove_with_ocv(
-    untested: UntestedRecords, objective: TableObjective, best: Solution, starts: Starts
+    untested: RecordsWithoutOcvTest, objective: TableObjective, best: Solution, starts: Starts
 ) -> FittedOcv:
     """The best tables with their OCV, proved, with all intervals and errors."""
     records = objective.prepared_records
@@ -73,8 +73,10 @@ def prove_with_ocv(
     proof = certify(objective, best)
     # Several records at different rates would determine the offset.
     effect = offset_effect(objective, proof.best) if len(records) == 1 else None
-    cell = cell_of(objective, proof.best, untested.capacity_ah, untested.capacity_origin)
-    fit = fit_of(objective, proof, _with_cell(objective, cell))
+    cell = cell_with_fitted_ocv(
+        objective, proof.best, untested.capacity_ah, untested.capacity_origin
+    )
+    fit = assemble_fit(objective, proof, _with_cell(objective, cell))
     # If a pair's time constant is at the slowest bound, the OCV absorbs whatever is slower.
     slowest = {hit.name for hit in fit.at_bound if hit.side == "upper"}
     pairs = names_of(get_circuit(circuit).elements)
@@ -83,28 +85,37 @@ def prove_with_ocv(
         # A hysteresis that hardly reverses and the OCV compensate each other.
         is_open |= {HALF_HYSTERESIS, OCV}
     intervals, means = (
-        tuple(node if is_open.isdisjoint(parts_of(node.name)) else node.opened() for node in given)
+        tuple(
+            node if is_open.isdisjoint(parts_of(node.name)) else node.as_undetermined()
+            for node in given
+        )
         for given in (fit.intervals, fit.means)
     )
     fit = replace(fit, of_offset=effect, intervals=intervals, means=means)
     fits = TableFits((fit,), settings=objective.settings)
-    return FittedOcv(cell, windows_of(records), fits, circuit, starts.warnings, starts.directions)
+    return FittedOcv(
+        cell, windows_of_records(records), fits, circuit, starts.warnings, starts.directions
+    )
 
 
-def fit_temperatures_with_ocv(untested: UntestedRecords, circuit: str) -> FittedOcv:
+def fit_temperatures_with_ocv(untested: RecordsWithoutOcvTest, circuit: str) -> FittedOcv:
     """Tables over SOC and an OCV for each temperature, on one axis, with shared time constants;
     already proved."""
     starts, settings = untested.starts_by_temperature(circuit), untested.settings_of(circuit)
     prepared, cells = untested.prepared(circuit, starts.windows), list[CellModel]()
 
-    def at_home(objective: TableObjective, best: Solution) -> list[PreparedRecord]:
-        cells.append(cell_of(objective, best, untested.capacity_ah, untested.capacity_origin))
+    def records_with_ocv(objective: TableObjective, best: Solution) -> list[PreparedRecord]:
+        cells.append(
+            cell_with_fitted_ocv(objective, best, untested.capacity_ah, untested.capacity_origin)
+        )
         return _with_cell(objective, cells[-1])
 
     groups = group_by_temperature(prepared)
-    fits = fit_temperatures(groups, settings, at_home)
+    fits = fit_temperatures(groups, settings, records_with_ocv)
     cell = over_temperatures(dict(zip(groups, cells, strict=True)))
-    return FittedOcv(cell, windows_of(prepared), fits, circuit, starts.warnings, starts.directions)
+    return FittedOcv(
+        cell, windows_of_records(prepared), fits, circuit, starts.warnings, starts.directions
+    )
 
 
 def _with_cell(objective: TableObjective, cell: CellModel) -> list[PreparedRecord]:
@@ -125,11 +136,13 @@ def compare_ocv(
     """The distance of a fitted OCV from the cell's, at the time constants of tables fitted to the
     records; None if they visit too little of it."""
     first = prepared_records[0]
-    names = box_of(prepared_records, settings)
+    names = search_ranges(prepared_records, settings)
     log_scales = tuple(math.log(fit.tables.constants[name]) for name in names)
     settings = with_fitted_ocv(replace(settings, folds=0))
-    records = [one.following(fit.tables.dependence) for one in leveled(prepared_records)]
-    objective, best = solved_at(records, settings, names, log_scales, exact=True)
+    records = [
+        one.with_dependence(fit.tables.dependence) for one in with_flat_ocv(prepared_records)
+    ]
+    objective, best = solve_at(records, settings, names, log_scales, exact=True)
     nodes, fitted_v = objective.ocv_at(best)
     seen = nodes[objective.visited_of(objective.names.index(OCV))]
     soc = COMPARED_SOC[(seen.min() <= COMPARED_SOC) & (seen.max() >= COMPARED_SOC)]

@@ -43,8 +43,8 @@ UNSEEN = 1e-6
 # A constant whose interval spans this many logarithms, nine decades, is not determined.
 WIDEST = 9 * math.log(10)
 
-# For some samples: columns, base error of every side, and which come after the first load.
-Rows = tuple[Columns, Float[np.ndarray, "rows sides"], Bool[np.ndarray, "rows"]]
+# For some samples: columns, base error of every voltage, and which come after the first load.
+Rows = tuple[Columns, Float[np.ndarray, "rows voltages"], Bool[np.ndarray, "rows"]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,16 +74,16 @@ class _Moves:
 def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterval, ...]:
     """The intervals of visited nodes, table by table, of the time constants and gamma, and of the
     means of resistances and sums of them (`means`), which have no SOC."""
-    lighter, light = unsmoothed(objective, best)
+    lighter, light = lightly_smoothed(objective, best)
     curves = [*curves_of(objective, best)]
     moves = _moves_of(lighter, light, best, curves)
     count = len(best.unknowns)
     least, most = lighter.box
-    is_bound = (light.sides != 0) & (least < most)
+    is_bound = (light.active_set != 0) & (least < most)
     rows = [row for (name, _), row in objective.visited_rows.items() if is_resistance(name)]
     is_bound &= np.isin(np.arange(count), rows)
     # Beyond a bound of a resistance the data do not count; on its other side they do.
-    freed = replace(light, sides=np.where(is_bound, 0, light.sides))
+    freed = replace(light, active_set=np.where(is_bound, 0, light.active_set))
     away = _moves_of(lighter, freed, best, curves) if is_bound.any() else moves
 
     def interval(name: str, soc: float | None, weights, value: float, *unmoved: float):
@@ -91,8 +91,8 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
         value."""
         bias = max((value - other for other in unmoved), key=abs)
         reach, freed = moves.reach(weights), away.reach(weights)
-        sides = light.sides[is_bound & (weights[:count] != 0)]
-        below, above = (freed if np.any(sides == side) else reach for side in (1, -1))
+        bounds = light.active_set[is_bound & (weights[:count] != 0)]
+        below, above = (freed if np.any(bounds == end) else reach for end in (1, -1))
         joint = float(weights @ moves.by_best_nuisances)
         low = None if below is None else min(value, min(unmoved) + joint - below[1])
         high = None if above is None else max(value, max(unmoved) + joint + above[1])
@@ -109,7 +109,7 @@ def intervals_of(objective: TableObjective, best: Solution) -> tuple[NodeInterva
         value, near = both[row].tolist()
         on_curve = near + sag - float(moves.by_lines[row])
         around = interval(name, soc, unit[row], value, near, on_curve)
-        intervals.append(around.opened() if row in held else around)
+        intervals.append(around.as_undetermined() if row in held else around)
     dependence, numbers = objective.prepared_records[0].dependence, objective.numbers
     usual = {} if dependence is None else dependence.usual
     of_numbers = {name: math.log(value) for name, value in numbers.items()}
@@ -167,11 +167,11 @@ def _moves_of(
     beside = np.eye(len(numbers) + len(nuisances_sd))
     others = np.asarray(block_diag(np.eye(len(is_open))[:, is_open], beside))
     # Beside the error, the difference between lines and curves.
-    sides = np.concatenate(light.values)[:, None] * [1.0, 0.0]
-    rows = _with_curves(lighter, curves, nuisances_v, linearized(lighter, light))
-    fit = Linearized.of(lighter, light, others, rows, sides)
-    ways, slopes, weight = fit.ways, fit.slopes, fit.prior_weight
-    normal = with_penalty(lighter, fit.products, ways)
+    voltages = np.concatenate(light.values)[:, None] * [1.0, 0.0]
+    rows = _with_curves(lighter, curves, nuisances_v, jacobian_blocks(lighter, light))
+    fit = LinearizedFit.of(lighter, light, others, rows, voltages)
+    directions, slopes, weight = fit.directions, fit.slopes, fit.prior_weight
+    normal = with_penalty(lighter, fit.products, directions)
     usual = {} if dependence is None else dependence.usual
     given = np.arange(len(normal) - len(nuisances_sd), len(normal))
     normal[given, given] += weight
@@ -182,17 +182,17 @@ def _moves_of(
     is_seen = lengths > UNSEEN**2 * np.max(lengths)
     # Columns of H^-1 J' / N by which the noise moves every value. By least squares, because a short
     # record leaves some of them undetermined.
-    by_nuisances = ways @ np.linalg.lstsq(normal, np.eye(len(normal))[:, given])[0]
+    by_nuisances = directions @ np.linalg.lstsq(normal, np.eye(len(normal))[:, given])[0]
     # Usual values are themselves uncertain.
-    back = ways @ np.linalg.lstsq(normal, np.eye(len(normal))[:, indices])[0]
+    back = directions @ np.linalg.lstsq(normal, np.eye(len(normal))[:, indices])[0]
     errors = pull * np.array([number.sd for number in usual.values()])
     return _Moves(
         noise=fit.noises[0],
-        by_noise=ways @ np.linalg.lstsq(normal, fit.to_noise.T)[0],
+        by_noise=directions @ np.linalg.lstsq(normal, fit.to_noise.T)[0],
         beside=np.hstack([weight * by_nuisances, back * errors]),
-        by_lines=ways @ np.linalg.lstsq(normal, slopes[:, 1])[0],
+        by_lines=directions @ np.linalg.lstsq(normal, slopes[:, 1])[0],
         by_best_nuisances=-by_nuisances @ (slopes[given, 0] + weight * nuisances_sd),
-        is_seen=np.any(ways[:, is_seen] != 0, axis=1),
+        is_seen=np.any(directions[:, is_seen] != 0, axis=1),
     )
 
 
@@ -205,7 +205,7 @@ def _held_level(objective: TableObjective, best: Solution) -> range:
         return range(0)
     first, nodes = objective.block(table).start, objective.nodes_of[table]
     low = np.flatnonzero(objective.visited_of(table) & ~is_above(nodes)) + first
-    free = np.flatnonzero(best.sides[low[1:]] >= 0)
+    free = np.flatnonzero(best.active_set[low[1:]] >= 0)
     held = int(free[0]) if len(free) else max(0, len(low) - 1)
     return range(int(low[0]), int(low[held]) + 1) if held else range(0)
 
@@ -216,11 +216,11 @@ def _with_curves(
     nuisances_v: Float[np.ndarray, "samples nuisances"],
     rows: Iterable[Rows],
 ) -> Iterator[Rows]:
-    """The rows with the given additional columns, and with one more side: the errors if the tables'
-    curves were the truth."""
+    """The rows with the given additional columns, and with one more voltage: the errors if the
+    tables' curves were the truth."""
     soc = np.concatenate([prepared.soc[prepared.scored] for prepared in objective.prepared_records])
     first = 0
-    for columns, base, informed in rows:
+    for columns, base, is_informative in rows:
         here = soc[first : first + len(base)]
         nuisance_v = nuisances_v[first : first + len(base)]
         first += len(base)
@@ -228,49 +228,49 @@ def _with_curves(
             columns[:, objective.block(table)].sum(axis=1) * curve.above_lines(here)
             for table, curve in enumerate(curves)
         )
-        yield np.hstack([columns, nuisance_v]), np.column_stack([base, left]), informed
+        yield np.hstack([columns, nuisance_v]), np.column_stack([base, left]), is_informative
 
 
-def unsmoothed(objective: TableObjective, best: Solution) -> tuple[TableObjective, Solution]:
+def lightly_smoothed(objective: TableObjective, best: Solution) -> tuple[TableObjective, Solution]:
     """The objective with hardly any smoothing, and its tables at the same time constants."""
     lighter = replace(objective, smoothing_scale=LIGHT * objective.smoothing_scale)
-    return lighter, lighter.solve(best.log_scales, best.sides, exact=True)
+    return lighter, lighter.solve(best.log_scales, best.active_set, exact=True)
 
 
 def with_penalty(
     objective: TableObjective,
-    products: Float[np.ndarray, "ways ways"],
-    ways: Float[np.ndarray, "values ways"],
-) -> Float[np.ndarray, "ways ways"]:
+    products: Float[np.ndarray, "directions directions"],
+    directions: Float[np.ndarray, "values directions"],
+) -> Float[np.ndarray, "directions directions"]:
     """J'J / N with the smoothing added; the first values are those of the tables."""
-    bent = objective.table_penalty @ ways[: len(objective.to_tables)]
+    bent = objective.table_penalty @ directions[: len(objective.to_tables)]
     return products + bent.T @ bent
 
 
 @dataclass(frozen=True, eq=False)
-class Linearized:
+class LinearizedFit:
     """The least squares of N samples, linearized at an optimum along the given directions of
     values.
 
-    With J = Q T and H = J'J / N and the smoothing, a noise u moves the values by the ways times
-    H^-1 T' Q' u / N: their covariance is the sandwich H^-1 J' G J H^-1 / N^2, with G the noise
-    covariance.
+    With J = Q T and H = J'J / N and the smoothing, a noise u moves the values by the directions
+    times H^-1 T' Q' u / N: their covariance is the sandwich H^-1 J' G J H^-1 / N^2, with G that
+    of the noise.
 
     Attributes:
-        ways: The change of every value along each direction.
-        noises: The noise of every side, in the coordinates Q.
+        directions: The change of every value along each direction.
+        noises: The noise of every voltage, in the coordinates Q.
         to_noise: T / N.
         products: J'J / N.
-        slopes: J'e / N of every side.
+        slopes: J'e / N of every voltage.
         prior_weight: Weight of a prior with a standard deviation of one, relative to the voltages:
             the strength of the first noise over N.
     """
 
-    ways: Float[np.ndarray, "values ways"]
+    directions: Float[np.ndarray, "values directions"]
     noises: list[Noise]
-    to_noise: Float[np.ndarray, "seen ways"]
-    products: Float[np.ndarray, "ways ways"]
-    slopes: Float[np.ndarray, "ways sides"]
+    to_noise: Float[np.ndarray, "seen directions"]
+    products: Float[np.ndarray, "directions directions"]
+    slopes: Float[np.ndarray, "directions voltages"]
     prior_weight: float
 
     @classmethod
@@ -278,31 +278,34 @@ class Linearized:
         cls,
         objective: TableObjective,
         optimum: Solution,
-        others: Float[np.ndarray, "others other_ways"],
+        others: Float[np.ndarray, "others other_directions"],
         rows: Iterable[Rows],
-        values: Float[np.ndarray, "tables_values sides"] | None = None,
-    ) -> "Linearized":
-        """From the rows of `linearized`, in the directions that the bounds leave free for the
-        tables and in those of all `others`; every side has its own table `values`, or those of the
-        optimum."""
+        values: Float[np.ndarray, "tables_values voltages"] | None = None,
+    ) -> "LinearizedFit":
+        """From the rows of `jacobian_blocks`, in the directions that the bounds leave free for the
+        tables and in those of all `others`; every voltage has its own table `values`, or those of
+        the optimum."""
         if values is None:
             values = np.concatenate(optimum.values)[:, None]
-        ways = np.asarray(block_diag(objective.ways(optimum), others))
+        directions = np.asarray(block_diag(objective.free_directions(optimum), others))
         time_s = one_clock(objective.prepared_records)
         longest_s = max(prepared.scored_duration_s for prepared in objective.prepared_records)
         slots = Slots.of(time_s, longest_s, MAX_SLOTS)
-        width, sides = ways.shape[1], values.shape[1]
+        width, voltages = directions.shape[1], values.shape[1]
         # For [J e 1]: the sums in every slot, and the scalar products.
-        sums, products = np.zeros((slots.count, width + sides + 1)), np.zeros((width + sides,) * 2)
+        sums, products = (
+            np.zeros((slots.count, width + voltages + 1)),
+            np.zeros((width + voltages,) * 2),
+        )
         first = 0
-        for columns, base, informed in rows:
-            here = time_s[first : first + len(base)][informed]
+        for columns, base, is_informative in rows:
+            here = time_s[first : first + len(base)][is_informative]
             first += len(base)
             errors_v = base + columns[:, : len(values)] @ values
-            both = np.column_stack([columns @ ways, errors_v])[informed]
+            both = np.column_stack([columns @ directions, errors_v])[is_informative]
             sums += slots.gathered(here, np.column_stack([both, np.ones(len(both))]))
             products += both.T @ both
-        columns, errors_v, counts = np.split(sums, [width, width + sides], axis=1)
+        columns, errors_v, counts = np.split(sums, [width, width + voltages], axis=1)
         squares_v2 = np.diag(products)[width:]
         products, slopes = products[:width, :width], products[:width, width:]
         scale = np.sqrt(np.diag(products))
@@ -323,21 +326,22 @@ class Linearized:
         samples = len(time_s)
         parts = (part / samples for part in (to_noise, products, slopes))
         strength_v2 = float(np.mean(np.diag(noises[0].spread_v2)))
-        return cls(ways, noises, *parts, prior_weight=strength_v2 / samples)
+        return cls(directions, noises, *parts, prior_weight=strength_v2 / samples)
 
 
-def linearized(
+def jacobian_blocks(
     objective: TableObjective,
     best: Solution,
-    beside_v: Float[np.ndarray, "simulated sides"] | None = None,
+    voltage_offsets_v: Float[np.ndarray, "simulated voltages"] | None = None,
     further: Callable[[int], Float[np.ndarray, "scored further"]] | None = None,
     every: int = 1,
 ) -> Iterator[Rows]:
     """Columns of all values, of all axes, of a dependence's numbers and of `further` unknowns at
-    the scored samples, the base error of every side, and which samples come after the first load.
+    the scored samples, the base error of every voltage, and whether samples come after the first
+    load.
 
-    `beside_v` is as in `reduce_records`; `further` gives the columns of a record by its index.
-    Every `every`-th sample of a block counts.
+    `voltage_offsets_v` is as in `reduce_records`; `further` gives the columns of a record by its
+    index. Every `every`-th sample of a block counts.
     """
     tau, rate = best.log_scales[: objective.pairs], best.log_scales[objective.pairs :]
     rungs = rungs_of(objective.elements)
@@ -352,7 +356,7 @@ def linearized(
         of_numbers = _dependence_slopes(prepared, objective, best)
         none = np.empty((np.count_nonzero(prepared.scored), 0))
         others, first = none if further is None else further(index), 0
-        informed = prepared.informed
+        is_informative = prepared.is_informative
         for block in blocks(prepared, layout):
             scored = np.flatnonzero(prepared.scored[block.here])
             if not len(scored):
@@ -369,10 +373,12 @@ def linearized(
             slopes += [slope[block.here][counted] for slope in of_numbers]
             here, first = slice(first, first + len(scored), every), first + len(scored)
             columns = np.column_stack([columns, *slopes, others[here]])
-            sides = (
-                base[:, None] if beside_v is None else base[:, None] + beside_v[block.here][counted]
+            voltages = (
+                base[:, None]
+                if voltage_offsets_v is None
+                else base[:, None] + voltage_offsets_v[block.here][counted]
             )
-            yield columns, sides, informed[block.here][counted]
+            yield columns, voltages, is_informative[block.here][counted]
 
 
 def _dependence_slopes(

@@ -53,7 +53,7 @@ def with_fitted_ocv(settings: TableSettings, circuit: str | None = None) -> Tabl
     )
 
 
-def level_cell(capacity_ah: float, voltage_v: float) -> CellModel:
+def flat_ocv_cell(capacity_ah: float, voltage_v: float) -> CellModel:
     """A cell with a constant OCV: the table has to supply all of it."""
     soc = np.array([-1.0, 2.0])
     line = InterpolatedCurve.fit(soc, voltage_v + NEARLY_LEVEL_V * soc)
@@ -64,13 +64,13 @@ def level_cell(capacity_ah: float, voltage_v: float) -> CellModel:
     )
 
 
-def leveled(
+def with_flat_ocv(
     prepared_records: Sequence[PreparedRecord], like: PreparedRecord | None = None
 ) -> list[PreparedRecord]:
     """The records with a constant OCV at the level of the first one, or of another, and with their
     hysteresis."""
     first = like or prepared_records[0]
-    level, moved = level_cell(first.capacity_ah, float(np.median(first.voltage_v))), []
+    level, moved = flat_ocv_cell(first.capacity_ah, float(np.median(first.voltage_v))), []
     for prepared in prepared_records:
         cell_v, level_v = (cell.average_ocv_v(prepared.soc) for cell in (prepared.cell, level))
         source_v = prepared.source_v - cell_v + level_v
@@ -78,7 +78,7 @@ def leveled(
     return moved
 
 
-def cell_of(
+def cell_with_fitted_ocv(
     objective: TableObjective, best: Solution, capacity_ah: float, origin: str
 ) -> CellModel:
     """The cell with the OCV of a solution, over the range of the samples."""

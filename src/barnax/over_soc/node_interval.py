@@ -57,7 +57,7 @@ class NodeInterval:
         """A copy with the interval to expect on another record of the cell."""
         return replace(self, low=self.record_low, high=self.record_high)
 
-    def opened(self) -> "NodeInterval":
+    def as_undetermined(self) -> "NodeInterval":
         """A copy that is not determined."""
         ends = dict.fromkeys(("low", "high", "record_low", "record_high"))
         return replace(self, standard_error=0.0, **ends)
@@ -76,7 +76,7 @@ class NodeInterval:
             for name, pair in pairs.items()
         }
         line = replace(self, soc=soc, **lines)
-        return line.opened() if line.low is None and line.high is None else line
+        return line.as_undetermined() if line.low is None and line.high is None else line
 
     def moved(self, by: float) -> "NodeInterval":
         """A copy with value and interval shifted."""
@@ -185,7 +185,7 @@ def sum_name(names: Sequence[str]) -> str:
 POINTS = 4
 
 
-def sag_of(
+def chord_offset(
     nodes: Float[np.ndarray, "nodes"], values: Float[np.ndarray, "nodes"]
 ) -> Float[np.ndarray, "nodes"]:
     """Distances at the nodes of a curve above its best approximation by lines.
@@ -193,7 +193,8 @@ def sag_of(
     Assumes evenly distributed samples. A twelfth of the second difference for a parabola on even
     nodes; zero for fewer than three nodes.
 
-    >>> sag_of(np.array([0.0, 0.5, 1.0, 1.5]), np.array([0.0, 0.25, 1.0, 2.25])).round(6).tolist()
+    >>> x = np.array([0.0, 0.5, 1.0, 1.5])
+    >>> chord_offset(x, x**2).round(6).tolist()
     [0.041667, 0.041667, 0.041667, 0.041667]
     """
     if len(nodes) < 3:
@@ -241,4 +242,4 @@ def curves_of(objective: TableObjective, best: Solution) -> Iterator[TableCurve]
     for table, (nodes, values) in enumerate(zip(objective.nodes_of, best.values, strict=True)):
         seen = objective.visited_of(table)
         points = nodes[seen], values[seen]
-        yield TableCurve(*points, sag_of(*points))
+        yield TableCurve(*points, chord_offset(*points))

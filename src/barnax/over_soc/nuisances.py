@@ -18,16 +18,16 @@ from jaxtyping import Float
 from ..model.descent import polish
 from ..model.prepared import PreparedRecord
 from ..model.search_space import Range
-from .intervals import UNSEEN, Linearized, linearized, unsmoothed, with_penalty
-from .level import leveled, with_fitted_ocv
+from .intervals import UNSEEN, LinearizedFit, jacobian_blocks, lightly_smoothed, with_penalty
+from .level import with_fitted_ocv, with_flat_ocv
 from .objective import Solution, TableObjective
-from .problem import box_of, held_at, reduced_objective
+from .problem import held_at, reduced_objective, search_ranges
 
 # Columns of the voltage by the nuisances of all records, at the scored samples of one.
 Nuisances = Callable[[TableObjective, Solution, int], Float[np.ndarray, "samples nuisances"]]
 
 
-class Measured(NamedTuple):
+class PseudoMeasurements(NamedTuple):
     """Single voltages, combined so that their errors are independent with unit variance: the effect
     of each nuisance on them, and their difference from the voltages at the current nuisances."""
 
@@ -36,7 +36,7 @@ class Measured(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Estimated:
+class NuisanceEstimate:
     """Nuisances relative to their given values, then the wanted sums of the tables' values, with
     their covariance, and the accompanying shifts of the searched scales' logarithms. `by_prior` is
     the change of each value per standard deviation of each nuisance's prior. `log_evidence` is the
@@ -78,11 +78,11 @@ def estimate(
     objective: TableObjective,
     best: Solution,
     nuisances: Nuisances,
-    now: Float[np.ndarray, "nuisances"],
+    iterate: Float[np.ndarray, "nuisances"],
     priors: Sequence[Float[np.ndarray, "nuisances"]],
-    wanted: Float[np.ndarray, "wanted values"] | None = None,
-    beside: Measured | None = None,
-) -> list[Estimated]:
+    combinations: Float[np.ndarray, "wanted values"] | None = None,
+    pseudo_measurements: PseudoMeasurements | None = None,
+) -> list[NuisanceEstimate]:
     """The nuisances of records prepared with the nuisances `now`, together with all tables, under
     each of `priors`, the standard deviations of the given values; `wanted` are weights of the
     tables' values in sums, and `beside` are further measurements of the nuisances.
@@ -90,23 +90,26 @@ def estimate(
     The noise is correlated, so that H^-1 (J' G J + P S P) H^-1 is the covariance, with S the prior
     and P its weight in the least squares, the strength of the noise divided by S.
     """
-    lighter, light = unsmoothed(objective, best)
-    others = np.eye(len(objective.axes) + len(objective.numbers) + now.size)
+    lighter, light = lightly_smoothed(objective, best)
+    others = np.eye(len(objective.axes) + len(objective.numbers) + iterate.size)
     # The error falls where the simulated voltage rises.
-    rows = linearized(lighter, light, further=lambda index: -nuisances(lighter, light, index))
-    fit = Linearized.of(lighter, light, others, rows)
-    normal, slopes = with_penalty(lighter, fit.products, fit.ways), fit.slopes[:, 0]
+    rows = jacobian_blocks(lighter, light, further=lambda index: -nuisances(lighter, light, index))
+    fit = LinearizedFit.of(lighter, light, others, rows)
+    normal, slopes = with_penalty(lighter, fit.products, fit.directions), fit.slopes[:, 0]
     noise, weight, values = fit.noises[0], fit.prior_weight, np.concatenate(light.values)
-    wanted = np.empty((0, len(values))) if wanted is None else wanted
-    of_nuisances = slice(len(normal) - now.size, len(normal))
+    combinations = np.empty((0, len(values))) if combinations is None else combinations
+    of_nuisances = slice(len(normal) - iterate.size, len(normal))
     scales = len(normal) - len(others) + np.arange(len(objective.axes))
     units = np.eye(len(normal))[of_nuisances]
-    picked = np.vstack([units, wanted @ fit.ways[: len(values)]])
+    picked = np.vstack([units, combinations @ fit.directions[: len(values)]])
 
-    def under(prior: Float[np.ndarray, "nuisances"]) -> Estimated:
-        belief = np.diag(1 / prior), now / prior
-        if beside is not None:
-            belief = np.vstack([belief[0], beside.columns]), np.append(belief[1], -beside.error)
+    def under(prior: Float[np.ndarray, "nuisances"]) -> NuisanceEstimate:
+        belief = np.diag(1 / prior), iterate / prior
+        if pseudo_measurements is not None:
+            belief = (
+                np.vstack([belief[0], pseudo_measurements.columns]),
+                np.append(belief[1], -pseudo_measurements.error),
+            )
         pull, pushed, stiff = weight * belief[0].T, slopes.copy(), normal.copy()
         stiff[of_nuisances, of_nuisances] += pull @ belief[0]
         pushed[of_nuisances] += pull @ belief[1]
@@ -118,11 +121,11 @@ def estimate(
         roots = np.linalg.eigvalsh(stiff / np.outer(lengths, lengths))
         volume = np.sum(np.log(np.maximum(roots, UNSEEN**2))) + 2 * np.sum(np.log(lengths))
         misfit = belief[1] @ belief[1] - pushed @ moved[:, 0] / weight
-        return Estimated(
-            np.append(now, wanted @ values) - picked @ moved[:, 0],
+        return NuisanceEstimate(
+            np.append(iterate, combinations @ values) - picked @ moved[:, 0],
             by_noise @ noise.spread_v2 @ by_noise.T + by_belief @ by_belief.T,
             -moved[scales, 0],
-            by_belief[:, : now.size],
+            by_belief[:, : iterate.size],
             float(-(misfit + volume) / 2 - np.sum(np.log(prior))),
         )
 
@@ -184,8 +187,8 @@ def _without_offset(
         moved = prepared.registered(start, capacity_ah, record=record)
         if moved is None:
             return None
-        records.append(moved.following(prepared.dependence))
-    records = leveled(records, objective.prepared_records[0])
+        records.append(moved.with_dependence(prepared.dependence))
+    records = with_flat_ocv(records, objective.prepared_records[0])
     return reduced_objective(records, with_fitted_ocv(objective.settings), ranges)
 
 
@@ -208,7 +211,7 @@ def shared_offset(
     if any(map(reads_zero_at_rest, objective.prepared_records)):
         return None
     capacity_ah = objective.prepared_records[0].capacity_ah
-    box = box_of(objective.prepared_records, objective.settings)
+    box = search_ranges(objective.prepared_records, objective.settings)
     lowest, highest = np.log([*box.values()]).T
     sds = np.append(prior.ravel(), SD_PER_H * capacity_ah)
     as_given, ranges = objective, held_at(objective.ranges, best.log_scales)

@@ -272,7 +272,7 @@ class TableObjective(LinearObjective):
         rows = self.to_tables @ x
         return tuple(rows[self.block(table)] for table in range(self.tables))
 
-    def ways(self, best: Solution) -> Float[np.ndarray, "values ways"]:
+    def free_directions(self, best: Solution) -> Float[np.ndarray, "values directions"]:
         """The directions in which tables can move within their bounds; those without a sample
         nearby are left out.
 
@@ -280,7 +280,7 @@ class TableObjective(LinearObjective):
         """
         blocks = []
         for number, table in enumerate(self._tables):
-            is_free = best.sides[self.block(number)] == 0
+            is_free = best.active_set[self.block(number)] == 0
             eye, tied = np.eye(len(is_free)), np.cumsum(is_free) - 1
             moves = eye[: tied[-1] + 1, tied] if table.rises else eye[is_free]
             blocks.append(moves[moves @ self.visited_of(number) > 0].T)

@@ -20,11 +20,11 @@ from ..cell.parameters import OHMIC
 from ..execution import in_float64
 from ..model.descent import polish
 from ..model.prepared import PreparedRecord
-from ..model.reduced import together
-from .intervals import LIGHT, UNSEEN, Linearized, linearized, unsmoothed, with_penalty
-from .level import leveled, with_fitted_ocv
+from ..model.reduced import combine_factors
+from .intervals import LIGHT, UNSEEN, LinearizedFit, jacobian_blocks, lightly_smoothed, with_penalty
+from .level import with_fitted_ocv, with_flat_ocv
 from .objective import Solution, TableObjective
-from .problem import box_of, reduced_objective
+from .problem import reduced_objective, search_ranges
 from .settings import TableSettings
 
 # Range of SOC over which resistances are averaged: near the ends few samples determine them.
@@ -105,7 +105,7 @@ class PackFit:
 def fit_pack(
     prepared: PreparedRecord,
     tables: CircuitParameters,
-    beside_v: Float[np.ndarray, "simulated cells"],
+    voltage_offsets_v: Float[np.ndarray, "simulated cells"],
     names: Sequence[str],
     settings: TableSettings,
     has_separate_taus: bool = False,
@@ -115,49 +115,53 @@ def fit_pack(
     Args:
         prepared: The mean cell's record.
         tables: Its tables, with the time constants of the pack.
-        beside_v: Each cell's voltage minus the mean.
+        voltage_offsets_v: Each cell's voltage minus the mean.
         names: Names of the cells.
         settings: Settings of the fit.
         has_separate_taus: Give every cell its own time constants, by descents that start at the
             pack's.
     """
     # At the nodes of the mean cell's correction, the OCV of a shifted cell would be coarse.
-    prepared = leveled([prepared])[0].following(tables.dependence)
+    prepared = with_flat_ocv([prepared])[0].with_dependence(tables.dependence)
     settings = replace(with_fitted_ocv(settings), nodes=tables.nodes, folds=0)
     constants = tables.constants
-    sides_v = np.column_stack([np.zeros(len(prepared.soc)), beside_v])
-    held = {name: (constants[name], constants[name]) for name in box_of([prepared], settings)}
-    pack = reduced_objective([prepared], settings, held, beside_v=sides_v)
+    sides_v = np.column_stack([np.zeros(len(prepared.soc)), voltage_offsets_v])
+    held = {
+        name: (constants[name], constants[name]) for name in search_ranges([prepared], settings)
+    }
+    pack = reduced_objective([prepared], settings, held, voltage_offsets_v=sides_v)
     count, log_scales = 1 + len(names), tuple(math.log(low) for low, _ in held.values())
-    parts = [replace(pack, reduced=pack.reduced.side(side)) for side in range(count)]
+    parts = [replace(pack, reduced=pack.reduced.of_voltage(number)) for number in range(count)]
     optima = [one.solve(log_scales, exact=True) for one in parts]
-    light = [unsmoothed(one, start)[1] for one, start in zip(parts, optima, strict=True)]
+    light = [lightly_smoothed(one, start)[1] for one, start in zip(parts, optima, strict=True)]
     lighter = replace(parts[0], smoothing_scale=LIGHT)
     others = np.eye(len(lighter.axes) + len(lighter.numbers))
     values = np.column_stack([np.concatenate(solution.values) for solution in light])
-    fit = Linearized.of(lighter, light[0], others, linearized(lighter, light[0], sides_v), values)
+    fit = LinearizedFit.of(
+        lighter, light[0], others, jacobian_blocks(lighter, light[0], sides_v), values
+    )
     by_noise = _moved(fit, lighter, fit.to_noise.T)
     # All tables are at their optimum; what is left is the slope by the scales, relative to the mean
     # cell's.
     by_scales = fit.slopes[:, :1] - fit.slopes
     by_scales[: -len(others)] = 0.0
-    # To each side's own time constants, for tables smoothed as usual and lightly.
+    # To each voltage's own time constants, for tables smoothed as usual and lightly.
     steps = [_moved(fit, weighted, by_scales) for weighted in (parts[0], lighter)]
 
-    def reach_of(side: int, direction: Float[np.ndarray, "values"]) -> float:
+    def reach_of(number: int, direction: Float[np.ndarray, "values"]) -> float:
         """Half the 95 % interval of a combination of values."""
-        return fit.noises[side].reach(direction @ by_noise)[1]
+        return fit.noises[number].reach(direction @ by_noise)[1]
 
     variance = np.einsum("ij,jk,ik->i", by_noise, fit.noises[0].spread_v2, by_noise)
     loaded_soc, directions = _directions(pack, optima[0], prepared, variance)
     if has_separate_taus:
-        wide = reduced_objective([prepared], settings, beside_v=sides_v)
-        for side in range(count):
-            alone = replace(wide, reduced=together([wide.reduced.side(side)]))
-            start = alone.solve(optima[side].log_scales, optima[side].sides)
+        wide = reduced_objective([prepared], settings, voltage_offsets_v=sides_v)
+        for number in range(count):
+            alone = replace(wide, reduced=combine_factors([wide.reduced.of_voltage(number)]))
+            start = alone.solve(optima[number].log_scales, optima[number].active_set)
             met = polish(alone, start)
-            optima[side] = alone.solve(met.log_scales, met.sides, exact=True)
-            light[side] = unsmoothed(alone, optima[side])[1]
+            optima[number] = alone.solve(met.log_scales, met.active_set, exact=True)
+            light[number] = lightly_smoothed(alone, optima[number])[1]
     mean_cell = np.concatenate(light[0].values)
     ocv = pack.block(1 + pack.pairs)
     ocv_nodes = np.array(pack.reduced.layout.ocv_nodes)
@@ -165,12 +169,12 @@ def fit_pack(
     cell_v = prepared.cell.average_ocv_v(ocv_nodes)
     loaded_v = float(prepared.cell.average_ocv_v(np.array([loaded_soc]))[0])
     cells = []
-    for side, name in enumerate(names, 1):
-        best = optima[side]
-        rows, lightly = (np.concatenate(solution.values) for solution in (best, light[side]))
+    for number, name in enumerate(names, 1):
+        best = optima[number]
+        rows, lightly = (np.concatenate(solution.values) for solution in (best, light[number]))
         if not has_separate_taus:
             # Reported values are at the cell's own time constants, to first order.
-            rows, lightly = rows + steps[0][:, side], lightly + steps[1][:, side]
+            rows, lightly = rows + steps[0][:, number], lightly + steps[1][:, number]
         shown: dict[str, Value] = {}
         for what, direction in directions.items():
             # Relative quantities have the values of the lightly smoothed fit.
@@ -179,7 +183,7 @@ def fit_pack(
             value, near = (float(direction @ tables) + level_v for tables in pair)
             # The circuit's own error is common to all cells; the mean cell gives its best estimate.
             common = 0.0 if is_other else reach_of(0, direction)
-            reach = math.hypot(reach_of(side, direction), common)
+            reach = math.hypot(reach_of(number, direction), common)
             ends = min(value, near - reach), max(value, near + reach)
             if is_other and reach > WIDEST:
                 continue
@@ -193,11 +197,11 @@ def fit_pack(
 
 
 def _moved(
-    fit: Linearized, weighted: TableObjective, pushes: Float[np.ndarray, "ways pushes"]
+    fit: LinearizedFit, weighted: TableObjective, pushes: Float[np.ndarray, "directions pushes"]
 ) -> Float[np.ndarray, "values pushes"]:
     """The changes of smoothed tables under pushes, with the penalty of an objective."""
-    normal = with_penalty(weighted, fit.products, fit.ways)
-    moved = fit.ways @ np.linalg.lstsq(normal, pushes, UNSEEN**2)[0]
+    normal = with_penalty(weighted, fit.products, fit.directions)
+    moved = fit.directions @ np.linalg.lstsq(normal, pushes, UNSEEN**2)[0]
     return moved[: len(weighted.to_tables)]
 
 

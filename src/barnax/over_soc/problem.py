@@ -20,7 +20,7 @@ from ..model.descent import Descended, GridSizes, LogScales, Polished, lowest_sc
 from ..model.exponentials import AT_ONCE, span_through
 from ..model.layout import Layout, span_ends, spans_between
 from ..model.prepared import PreparedRecord
-from ..model.reduced import Groups, reduce_records, scored_alone, together
+from ..model.reduced import Groups, combine_factors, reduce_records, scored_alone
 from ..model.sampling import FASTEST_TAU_S
 from ..model.search_space import RATE_RANGE, Range
 from ..records.record import LEAST_REACH, reach_of_steps
@@ -40,19 +40,19 @@ def reduced_objective(
     prepared_records: Sequence[PreparedRecord],
     settings: TableSettings,
     ranges: Mapping[str, Range] | None = None,
-    beside_v: Float[np.ndarray, "simulated sides"] | None = None,
+    voltage_offsets_v: Float[np.ndarray, "simulated voltages"] | None = None,
 ) -> TableObjective:
-    """The objective over all records, in the given ranges or their own. With `beside_v`, as in
-    `reduce_records`, its factor has a side for each voltage of one record."""
-    ranges = ranges or box_of(prepared_records, settings)
+    """The objective over all records, in the given ranges or their own. With `voltage_offsets_v`,
+    as in `reduce_records`, its factor has a base error for each voltage of one record."""
+    ranges = ranges or search_ranges(prepared_records, settings)
     layout = _layout(prepared_records, settings, ranges)
-    if beside_v is not None:
-        layout = replace(layout, sides=beside_v.shape[1])
+    if voltage_offsets_v is not None:
+        layout = replace(layout, voltages=voltage_offsets_v.shape[1])
     parts = reduce_records(
-        prepared_records, layout, *blocks_of(prepared_records, settings), beside_v
+        prepared_records, layout, *blocks_of(prepared_records, settings), voltage_offsets_v
     )
     # A shortened part is no longer triangular, as taking a side of it requires.
-    whole = together(parts) if beside_v is None else parts[0]
+    whole = combine_factors(parts) if voltage_offsets_v is None else parts[0]
     # A group visits few nodes: most rows of its triangle are empty.
     parts = [replace(part, factor=part.factor[part.factor.any(axis=1)]) for part in parts]
     return TableObjective(list(prepared_records), settings, ranges, whole, parts)
@@ -89,7 +89,7 @@ def coarsened(
 ) -> TableObjective:
     """The objective of a circuit with fewer nodes or pairs, or no correction of the OCV, from the
     factors of a finer one on the same records, whose parts it shares."""
-    ranges = box_of(prepared_records, settings)
+    ranges = search_ranges(prepared_records, settings)
     reduced = finest.reduced.coarser(settings.nodes, settings.ocv_correction)
     return TableObjective(list(prepared_records), settings, ranges, reduced, finest.parts)
 
@@ -100,7 +100,7 @@ def held_at(names: Iterable[str], log_scales: Sequence[float]) -> dict[str, Rang
     return {name: (math.exp(scale), math.exp(scale)) for name, scale in scales}
 
 
-def solved_at(
+def solve_at(
     prepared_records: Sequence[PreparedRecord],
     settings: TableSettings,
     names: Iterable[str],
@@ -113,7 +113,7 @@ def solved_at(
     return objective, objective.solve(log_scales, exact=exact)
 
 
-def box_of(prepared_records: Sequence[Any], settings: TableSettings) -> dict[str, Range]:
+def search_ranges(prepared_records: Sequence[Any], settings: TableSettings) -> dict[str, Range]:
     """The ranges of every pair's time constant, and of gamma if there is one, by name; also for
     records stored as factors."""
     circuit, ranges = get_circuit(prepared_records[0].circuit), settings.ranges
@@ -204,7 +204,7 @@ def blocks_of(
     return [partial(group_of, number=n) for n in range(count)], 2 * folds * count
 
 
-def are_left_out_whole(prepared_records: Sequence[PreparedRecord]) -> bool:
+def supports_leave_one_out(prepared_records: Sequence[PreparedRecord]) -> bool:
     """True if the circuit can be identified without any one of the records: a charge alone does not
     suffice."""
     return len(prepared_records) > 1 and sum(map(is_loaded, prepared_records)) > 1
@@ -249,4 +249,4 @@ def find_best(objective: Descended[Polished]) -> Polished:
     starts = lowest_scales(objective, GRID, apart=True)[:MAX_MINIMA]
     ends = [polish(objective, objective.solve(start)) for start in starts]
     best = min(ends, key=lambda end: end.objective_v2)
-    return objective.solve(best.log_scales, best.sides, exact=True)
+    return objective.solve(best.log_scales, best.active_set, exact=True)

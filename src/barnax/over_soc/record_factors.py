@@ -22,13 +22,13 @@ from ..global_optimum.proof import Proof
 from ..model.exponentials import Span, span_of
 from ..model.layout import Layout, shorten
 from ..model.prepared import PreparedRecord, prepare_record
-from ..model.reduced import Reduced, reduce_records, together
+from ..model.reduced import Reduced, combine_factors, reduce_records
 from .cross_validation import record_errors
-from .fit import TableFit, fit_of
-from .level import OCV_NODES, leveled, with_fitted_ocv
+from .fit import TableFit, assemble_fit
+from .level import OCV_NODES, with_fitted_ocv, with_flat_ocv
 from .node_interval import NodeInterval, mean_weights
 from .objective import Solution, TableObjective
-from .problem import box_of, find_best
+from .problem import find_best, search_ranges
 from .settings import TableSettings
 
 # Bound on the error of a pair's response between the grid's ends, relative to the largest current.
@@ -179,24 +179,25 @@ def factors_of(prepared: PreparedRecord, grid: Grid | None = None) -> RecordFact
 def factors_of_cells(
     prepared: PreparedRecord,
     grid: Grid,
-    beside_v: Float[np.ndarray, "simulated cells"] | None = None,
+    voltage_offsets_v: Float[np.ndarray, "simulated cells"] | None = None,
     names: Sequence[str] = (),
 ) -> list[RecordFactors]:
-    """The factors of every cell of a pack, whose voltages are `beside_v` above the record's."""
+    """The factors of every cell of a pack, whose voltages are above the record's by
+    `voltage_offsets_v`."""
     cell = prepared.cell
     simulated = prepare_record(prepared.record, cell, grid.circuit, prepared.window)
     if cell.ocv_is_fitted:
         grid = replace(grid, ocv="own")
-        (simulated,) = leveled([simulated], prepared)
+        (simulated,) = with_flat_ocv([simulated], prepared)
     record = prepared.record.name
     named = [f"{record} {name}" for name in names] or [record]
-    layout = replace(grid.layout, sides=len(named))
+    layout = replace(grid.layout, voltages=len(named))
     nodes, ocv_nodes = np.array(layout.nodes), np.array(layout.ocv_nodes)
 
     def below_or_above(here: slice):
         return np.where(simulated.scored[here], is_above(simulated.soc[here]), -1)
 
-    below, above = reduce_records([simulated], layout, [below_or_above], 2, beside_v)
+    below, above = reduce_records([simulated], layout, [below_or_above], 2, voltage_offsets_v)
     has_slopes = layout.has_correction
     slopes_v = simulated.cell.least_ocv_slopes(ocv_nodes) if has_slopes else np.empty(0)
     facts = {name: getattr(simulated, name) for name in FACTS}
@@ -204,8 +205,8 @@ def factors_of_cells(
     ocv = NodeOcv(simulated.cell.average_ocv_v(ocv_nodes), slopes_v)
     return [
         RecordFactors(name=name, grid=grid, cell=ocv, **facts,
-             parts=(_shortened(below.side(side)), _shortened(above.side(side))))
-        for side, name in enumerate(named)
+             parts=(_shortened(below.of_voltage(number)), _shortened(above.of_voltage(number))))
+        for number, name in enumerate(named)
     ]  # fmt: skip
 
 
@@ -241,7 +242,7 @@ def fit_factors(
             )
     objective = objective_of(records, settings or TableSettings())
     best = find_best(objective)
-    return fit_of(
+    return assemble_fit(
         objective,
         Proof(0.0, 0, best),
         intervals=_without_noise(objective, best),
@@ -267,12 +268,12 @@ def objective_of(records: Sequence[RecordFactors], settings: TableSettings) -> T
         records = [record.counted_from(records[0].cell) for record in records]
     ranges = {
         name: (min(max(low, grid.low_s), grid.high_s), max(min(high, grid.high_s), grid.low_s))
-        for name, (low, high) in box_of(records, settings).items()
+        for name, (low, high) in search_ranges(records, settings).items()
     }
     parts = [part for record in records for part in record.parts]
     # Factors with few rows are joined to one without samples.
     none = Reduced(layout, 0, np.zeros((layout.width, layout.width)))
-    joined = together([none, *parts])
+    joined = combine_factors([none, *parts])
     return TableObjective(records, settings, ranges, joined, parts, is_of_factors=True)
 
 

@@ -31,9 +31,9 @@ from ..records.log import in_means
 from ..records.record import runs
 from ..settings import Registration
 from .cross_validation import held_out
-from .dependence import polished
+from .dependence import refine_dependence
 from .nuisances import estimate, of_starts, shared_offset
-from .problem import box_of, find_best, is_loaded, reduced_objective, solved_at
+from .problem import find_best, is_loaded, reduced_objective, search_ranges, solve_at
 from .settings import TableSettings
 
 # Standard deviations of a start at a full charge, of the voltage at a rest, of a start derived from
@@ -74,7 +74,10 @@ def register(
     If the records would leave the SOC axis, they stay as given.
     """
     plain = replace(settings, folds=0, max_boxes=0)
-    means = [in_seconds(prepared).following(prepared.dependence) for prepared in prepared_records]
+    means = [
+        averaged_to_seconds(prepared).with_dependence(prepared.dependence)
+        for prepared in prepared_records
+    ]
     records, moves = list(means), np.empty((0, 4))
     prior = np.array([prior_sd(prepared) for prepared in prepared_records])
     shifts, errors = np.zeros_like(prior), np.zeros_like(prior)
@@ -83,15 +86,15 @@ def register(
     to_axis = np.eye(prior.size) - np.tile(shares.reshape(-1, 2).T, (len(prior), 1))
     dependence = prepared_records[0].dependence
     if log_scales:
-        objective, best = solved_at(records, plain, box_of(records, plain), log_scales)
+        objective, best = solve_at(records, plain, search_ranges(records, plain), log_scales)
     else:
         objective = reduced_objective(records, plain)
         best = find_best(objective)
     at_first = objective, best
     for number in range(rounds):
         if number:
-            objective, best = solved_at(records, plain, objective.ranges, best.log_scales)
-            dependence = dependence and polished(objective, best, dependence)[0]
+            objective, best = solve_at(records, plain, objective.ranges, best.log_scales)
+            dependence = dependence and refine_dependence(objective, best, dependence)[0]
         estimated = estimate(objective, best, of_starts, shifts.ravel(), [prior.ravel()])[0]
         moved = (to_axis @ estimated.values).reshape(shifts.shape)
         errors = np.sqrt(np.diag(to_axis @ estimated.covariance @ to_axis.T))
@@ -102,7 +105,7 @@ def register(
         moved_means = _all_moved(means, prepared_records, moves, dependence)
         if moved_means is None:
             return list(prepared_records)
-        records = [prepared.following(dependence) for prepared in moved_means]
+        records = [prepared.with_dependence(dependence) for prepared in moved_means]
         if is_settled:
             break
     # The effect of straight lines between nodes, of resistances and of the OCV's correction, is
@@ -112,7 +115,7 @@ def register(
     halved = [(_halved(nodes), ocv_nodes), (nodes, _halved(ocv_nodes))]
     for nodes, ocv_nodes in halved if rounds > 1 else []:
         coarser = replace(plain, nodes=nodes, ocv_nodes=ocv_nodes)
-        solved = solved_at(records, coarser, objective.ranges, best.log_scales)
+        solved = solve_at(records, coarser, objective.ranges, best.log_scales)
         estimated = estimate(*solved, of_starts, shifts.ravel(), [prior.ravel()])[0]
         apart = (to_axis @ estimated.values).reshape(shifts.shape) - shifts
         errors = np.minimum(np.hypot(errors, apart), np.maximum(errors, prior))
@@ -128,7 +131,7 @@ def _halved(nodes: tuple[float, ...]) -> tuple[float, ...]:
     return tuple(dict.fromkeys((*nodes[::2], nodes[-1])))
 
 
-def in_seconds(prepared: PreparedRecord) -> PreparedRecord:
+def averaged_to_seconds(prepared: PreparedRecord) -> PreparedRecord:
     """A fast record in means over a second, for slow dynamics; other records unchanged."""
     means = in_means(prepared.record, MEANS_S)
     return prepared if means is prepared.record else prepared.in_window(prepared.window, means)
@@ -152,7 +155,7 @@ def _all_moved(
 
 
 @in_float64
-def register_alone(prepared: PreparedRecord, settings: TableSettings) -> PreparedRecord:
+def register_on_ocv_test(prepared: PreparedRecord, settings: TableSettings) -> PreparedRecord:
     """A record with the start and capacity at which its tables fit best, with the OCV of its cell.
 
     It stays as given if its rests lie on the OCV, if tables fit it no better by a tenth, or if
@@ -177,7 +180,7 @@ def register_alone(prepared: PreparedRecord, settings: TableSettings) -> Prepare
         record = moved(shift) if np.all(np.abs(shift) <= furthest) else None
         if record is None:
             return np.inf
-        return solved_at([record], plain, objective.ranges, at)[1].objective_v2
+        return solve_at([record], plain, objective.ranges, at)[1].objective_v2
 
     # From the rest alone; the time constants at the given start would be fitted to a wrong OCV.
     guess = np.array([0.0, rest.share])
@@ -196,20 +199,20 @@ def register_alone(prepared: PreparedRecord, settings: TableSettings) -> Prepare
     if registered is None or best.fun > (1 - LEAST_FALL) ** 2 * kept.objective_v2:
         return prepared
     names = objective.ranges
-    before = held_out(*solved_at([prepared], settings, names, kept.log_scales))
-    after = held_out(*solved_at([registered], settings, names, at))
+    before = held_out(*solve_at([prepared], settings, names, kept.log_scales))
+    after = held_out(*solve_at([registered], settings, names, at))
     if before is not None and after is not None:
         one, other = after.errors, before.errors
         # Over all samples, or over those above 10 % SOC.
         if one.rmse_v > other.rmse_v or (one.above_v or 0.0) > (other.above_v or math.inf):
             return prepared
     prior = furthest / FURTHEST
-    fitted = solved_at([registered], plain, names, at)
+    fitted = solve_at([registered], plain, names, at)
     errors = estimate(*fitted, of_starts, np.zeros(2), [prior])[0].errors
     return moved(best.x, *errors.tolist()) or registered
 
 
-def counted_alike(
+def with_common_capacity(
     given: Sequence[PreparedRecord], registered: Sequence[PreparedRecord]
 ) -> list[PreparedRecord]:
     """Records registered alone, and charges, whose rests contain no information, over the capacity

@@ -19,17 +19,17 @@ from ..model.start import find_start, require_whole_log
 from ..model.window import (
     OCV_MARGIN,
     Window,
-    cell_at_rest,
     first_sample,
     scored_samples,
+    soc_from_rest,
     temperature_of,
 )
 from ..notices import Notice
 from ..records import Record
 from ..records.log import in_means
-from .level import cell_of, level_cell, with_fitted_ocv
+from .level import cell_with_fitted_ocv, flat_ocv_cell, with_fitted_ocv
 from .objective import Solution, TableObjective
-from .problem import find_best, reduced_objective, solved_at
+from .problem import find_best, reduced_objective, solve_at
 from .registration import MEANS_S, ROUNDS, register
 from .settings import TableSettings
 
@@ -87,7 +87,7 @@ class Starts(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class UntestedRecords:
+class RecordsWithoutOcvTest:
     """Records of one cell without an OCV test, and their starts on its SOC axis.
 
     Attributes:
@@ -111,7 +111,7 @@ class UntestedRecords:
         windows: Mapping[str, Window],
         settings: TableSettings,
         capacity_ah: float | None = None,
-    ) -> "UntestedRecords":
+    ) -> "RecordsWithoutOcvTest":
         """The records on the axis of one capacity: the given one, or the widest span of a record.
 
         Raises `InputError` if it is missing.
@@ -141,7 +141,7 @@ class UntestedRecords:
     @property
     def level(self) -> CellModel:
         """A cell with a constant OCV."""
-        return level_cell(self.capacity_ah, float(np.median(self.records[0].voltage_v)))
+        return flat_ocv_cell(self.capacity_ah, float(np.median(self.records[0].voltage_v)))
 
     def settings_of(self, circuit: str) -> TableSettings:
         """The settings with a table of the OCV, and one of a dynamic hysteresis if the circuit has
@@ -200,7 +200,7 @@ class UntestedRecords:
         if turned or is_open:
             # A start would move to compensate a wrong direction.
             _, objective, _, directions = self._fitted(circuit, windows, turned)
-            windows = windows_of(objective.prepared_records)
+            windows = windows_of_records(objective.prepared_records)
             for one in objective.prepared_records:
                 if (name := one.record.name) in directions:
                     windows[name] = replace(one.window, initial_direction=one.start.direction)
@@ -221,18 +221,20 @@ class UntestedRecords:
         except InputError as unknown:
             require_whole_log(record, self.records, unknown)
             raise
-        begun = replace(window, soc_source="rest elsewhere", initial_soc=start.soc)
+        start_window = replace(window, soc_source="rest elsewhere", initial_soc=start.soc)
         if get_circuit(circuit).has_rate and start.direction_source == "assumed":
             opposite = -start.direction
             is_rested = start.soc_source == "rested voltage"
             at_rest = record.segments(rest_a), cell, given[1], opposite
             # The voltage may lie beyond the OCV of the other direction.
-            if not is_rested or cell_at_rest(*at_rest) is not None:
+            if not is_rested or soc_from_rest(*at_rest) is not None:
                 window = replace(window, initial_direction=opposite)
                 other, *_ = find_start(record, cell, window, *given)
-                turned = replace(begun, initial_direction=opposite, initial_soc=other.soc)
-                return begun, turned, against
-        return begun, None, against
+                opposite_window = replace(
+                    start_window, initial_direction=opposite, initial_soc=other.soc
+                )
+                return start_window, opposite_window, against
+        return start_window, None, against
 
     def _registered(
         self, circuit: str, windows: Mapping[str, Window], simpler: Starts | None
@@ -247,7 +249,7 @@ class UntestedRecords:
         for rounds in (1, ROUNDS):
             cell, _, best, _ = self._fitted(circuit, registered)
             prepared = self.prepared(circuit, windows, cell)
-            registered = windows_of(register(prepared, settings, rounds, best.log_scales))
+            registered = windows_of_records(register(prepared, settings, rounds, best.log_scales))
         return registered
 
     def _fitted(
@@ -267,7 +269,7 @@ class UntestedRecords:
 
         def left_v(records: Sequence[PreparedRecord]) -> float:
             at = objective.ranges, best.log_scales
-            return float(np.linalg.norm(solved_at(records, quick, *at, exact=True)[1].error))
+            return float(np.linalg.norm(solve_at(records, quick, *at, exact=True)[1].error))
 
         objective = reduced_objective(prepared, quick)
         best = find_best(objective)
@@ -285,10 +287,10 @@ class UntestedRecords:
         if any(one is not other for one, other in zip(better, prepared, strict=True)):
             objective = reduced_objective(better, quick)
             best = find_best(objective)
-        cell = cell_of(objective, best, self.capacity_ah, self.capacity_origin)
+        cell = cell_with_fitted_ocv(objective, best, self.capacity_ah, self.capacity_origin)
         return cell, objective, best, others
 
 
-def windows_of(prepared_records: Sequence[PreparedRecord]) -> dict[str, Window]:
+def windows_of_records(prepared_records: Sequence[PreparedRecord]) -> dict[str, Window]:
     """The windows of records by their names."""
     return {prepared.record.name: prepared.window for prepared in prepared_records}

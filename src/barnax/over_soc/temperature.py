@@ -21,11 +21,11 @@ from ..global_optimum.proof import Proof
 from ..model.descent import Axis, LogScales, Solved, polish
 from ..model.prepared import PreparedRecord
 from .certificate import certify
-from .dependence import with_asked
-from .fit import TableFit, fit_of, pooled_errors
+from .dependence import with_requested_dependence
+from .fit import TableFit, assemble_fit, pooled_errors
 from .fits import LeftOut, OverTemperature, Reversal, TableFits, require_temperature
 from .objective import Solution, TableObjective
-from .problem import box_of, find_best, reduced_objective
+from .problem import find_best, reduced_objective, search_ranges
 from .settings import TableSettings
 
 
@@ -62,15 +62,15 @@ class _Joint:
     def interchangeable(self) -> int:
         return self.objectives[0].interchangeable
 
-    def solve(self, log_scales: LogScales, sides=None, exact: bool = False) -> _JointSolution:
-        sides = sides or [None] * len(self.objectives)
+    def solve(self, log_scales: LogScales, active_set=None, exact: bool = False) -> _JointSolution:
+        active_sets = active_set or [None] * len(self.objectives)
         parts = tuple(
             objective.solve(log_scales, active, exact)
-            for objective, active in zip(self.objectives, sides, strict=True)
+            for objective, active in zip(self.objectives, active_sets, strict=True)
         )
         objective_v2 = float(self.weights @ [part.objective_v2 for part in parts])
-        sides = tuple(part.sides for part in parts)
-        return _JointSolution(log_scales, sides, objective_v2, parts)
+        active_sets = tuple(part.active_set for part in parts)
+        return _JointSolution(log_scales, active_sets, objective_v2, parts)
 
     def least_v2(self, log_scales: Float[np.ndarray, "axes points"]) -> Float[np.ndarray, "points"]:
         return self.weights @ [objective.least_v2(log_scales) for objective in self.objectives]
@@ -88,22 +88,22 @@ class _Joint:
 def fit_temperatures(
     by_degc: Mapping[float, Sequence[PreparedRecord]],
     settings: TableSettings | None = None,
-    at_home: Callable[[TableObjective, Solution], Sequence[PreparedRecord]] | None = None,
+    records_with_ocv: Callable[[TableObjective, Solution], Sequence[PreparedRecord]] | None = None,
 ) -> TableFits:
     """The tables over SOC that fit the records at each temperature best, with shared time constants
-    (and gamma). `by_degc` are the records by temperature in degC; `at_home` gives the records of an
-    objective with the OCV of its solution, from cold to warm.
+    (and gamma). `by_degc` are the records by temperature in degC; `records_with_ocv` gives the
+    records of an objective with the OCV of its solution, from cold to warm.
 
     Raises `InputError` for fewer than two temperatures, and as `fit_tables` does.
     """
     settings = settings or TableSettings()
     require_temperatures(by_degc)
     degc = tuple(sorted(by_degc))
-    ranges = box_of([prepared for at in degc for prepared in by_degc[at]], settings)
+    ranges = search_ranges([prepared for at in degc for prepared in by_degc[at]], settings)
     joint = _Joint(tuple(reduced_objective(by_degc[at], settings, ranges) for at in degc))
     best = find_best(joint)
     given = zip(joint.objectives, best.parts, strict=True)
-    following = tuple(with_asked(objective, part)[0] for objective, part in given)
+    following = tuple(with_requested_dependence(objective, part)[0] for objective, part in given)
     if following != joint.objectives:
         joint = _Joint(following)
         best = find_best(joint)
@@ -112,15 +112,17 @@ def fit_temperatures(
         for objective, part in zip(joint.objectives, best.parts, strict=True)
     ]
     lower_bound_v, best = _prove_together(joint, best, proofs)
-    homes = [
-        at_home(objective, part) if at_home else objective.prepared_records
+    evaluation_records = [
+        records_with_ocv(objective, part) if records_with_ocv else objective.prepared_records
         for _, objective, part in joint.parts_at(best)
     ]
-    left_out = _left_out(joint, best, degc, homes)
+    left_out = _left_out(joint, best, degc, evaluation_records)
     fits = tuple(
-        fit_of(objective, Proof(min(proof.lower_bound_v, part.rms_v), proof.boxes, part), home)
+        assemble_fit(
+            objective, Proof(min(proof.lower_bound_v, part.rms_v), proof.boxes, part), home
+        )
         for objective, proof, part, home in zip(
-            joint.objectives, proofs, best.parts, homes, strict=True
+            joint.objectives, proofs, best.parts, evaluation_records, strict=True
         )
     )
     over_temperature = OverTemperature(
@@ -172,7 +174,7 @@ def _left_out(
     joint: _Joint,
     best: _JointSolution,
     degc: Sequence[float],
-    homes: Sequence[Sequence[PreparedRecord]],
+    evaluation_records: Sequence[Sequence[PreparedRecord]],
 ) -> tuple[LeftOut, ...]:
     """Every temperature predicted from the others, whose time constants are searched again."""
     left_out = []
@@ -186,7 +188,7 @@ def _left_out(
                 for objective, part in zip(others.objectives, anew.parts, strict=True)
             ),
         )
-        records, identified = homes[left], objective.tables_at(best.parts[left])
+        records, identified = evaluation_records[left], objective.tables_at(best.parts[left])
         left_out.append(
             LeftOut(
                 temperature_degc=degc[left],

@@ -300,8 +300,8 @@ def _named(
         if len(digests) != len(part.paths):
             raise InputError(f"{part.path}: a plan has one digest for each file of a log, or none")
         file_labels = [names.get(path, path.name) for path in part.paths]
-        lies = [find(*each) for each in zip(part.paths, file_labels, digests, strict=True)]
-        (path, *more), taken = zip(*lies, strict=True)
+        locations = [find(*each) for each in zip(part.paths, file_labels, digests, strict=True)]
+        (path, *more), taken = zip(*locations, strict=True)
         name = part.name or NEXT_FILE.join(file_labels)
         named.append(replace(part, path=path, more=tuple(more), name=name))
         if part.role != "not used":

@@ -151,7 +151,7 @@ def look(given: Mapping[Use, Sequence[Any]], job: Job) -> dict[Use, list[Candida
     a refusal."""
     items = [item for several in given.values() for item in several]
     names, called = file_names(items), dict[str, int]()
-    looked: dict[Use, list[CandidateFile]] = {role: [] for role in given}
+    candidates: dict[Use, list[CandidateFile]] = {role: [] for role in given}
     for role, several in given.items():
         for item in several:
             is_path = isinstance(item, str | Path)
@@ -161,14 +161,14 @@ def look(given: Mapping[Use, Sequence[Any]], job: Job) -> dict[Use, list[Candida
                 item = numbered(item, called)
             read = partial(named_source, item, role, names, called, job)
             with job.watch(f"Looking at {name}", 0):
-                looked[role].append(_looked_at(file, read, role, job, job.window))
+                candidates[role].append(_looked_at(file, read, role, job, job.window))
     # Options given for a file by its name apply to that file alone.
     named = {*windows_by_name(job.window), *job.lags_s} - {""}
     common = window_of(job.window, "")
-    for role in looked.keys() - {"OCV test"}:
+    for role in candidates.keys() - {"OCV test"}:
         look_at = partial(_looked_at, role=role, reading=job, window=common)
-        looked[role] = list(_whole_logs(looked[role], named, look_at))
-    return looked
+        candidates[role] = list(_whole_logs(candidates[role], named, look_at))
+    return candidates
 
 
 def _looked_at(

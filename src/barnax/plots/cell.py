@@ -49,7 +49,7 @@ def plot_ocv(cell: "CellModel | Result | str | Path") -> Figure:
     """
     nodes: Sequence[Fact] = ()
     if not isinstance(cell, CellModel):
-        result = style.opened(cell)
+        result = style.load_result(cell)
         cell, nodes = result.cell, [fact for fact in result.fit.facts if fact.name == OCV]
     if cell.ocv_is_fitted:
         return plot_fitted_ocv(cell, nodes)

@@ -142,7 +142,7 @@ def scaled(style: dict[Any, Any]) -> dict[Any, Any]:
     return style | {name: letters * style[name] for name in style if name.endswith("size")}
 
 
-def opened(source: "Result | str | Path") -> "Result":
+def load_result(source: "Result | str | Path") -> "Result":
     """The given result, or that in a file."""
     # It needs JAX, which figures do not.
     from ..results import Result

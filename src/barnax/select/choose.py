@@ -20,12 +20,12 @@ from ..over_soc.intervals import intervals_of
 from ..over_soc.node_interval import parts_of
 from ..over_soc.objective import Solution, TableObjective
 from ..over_soc.problem import (
-    box_of,
     coarsened,
     find_best,
     held_at,
     numbered_blocks,
     reduced_objective,
+    search_ranges,
 )
 from ..over_soc.registration import register
 from ..over_soc.settings import TableSettings
@@ -212,7 +212,7 @@ class Bench:
         if registration is None or records[0].window == given[0].window:
             return chosen
         law = Dependence(**{**registration.follows}) if registration.follows else None  # pyrefly: ignore
-        objective = reduced_objective([record.following(law) for record in records], of_point)
+        objective = reduced_objective([record.with_dependence(law) for record in records], of_point)
         best = find_best(objective)
         return Fitted(replace(chosen.point, law=law), objective, best, chosen.loss)
 
@@ -325,7 +325,7 @@ class Bench:
     def records_of(self, point: Point) -> list[PreparedRecord]:
         """The records prepared for a point."""
         prepared = self._all_prepared(point)
-        return [replace(one, circuit=point.circuit).following(point.law) for one in prepared]
+        return [replace(one, circuit=point.circuit).with_dependence(point.law) for one in prepared]
 
     def fit(self, point: Point) -> Fitted:
         """The best parameters of a point, from one reduction with the finest nodes."""
@@ -342,7 +342,7 @@ class Bench:
             settings = self.limits.settings_of(finest, self.settings)
             records = self.records_of(finest)
             # Without a correction of the OCV, pairs may be slower.
-            widest = box_of(records, replace(settings, ocv_correction=self.limits.has_ocv))
+            widest = search_ranges(records, replace(settings, ocv_correction=self.limits.has_ocv))
             self._finest[key] = reduced_objective(records, settings, widest)
         settings = self.limits.settings_of(point, self.settings)
         objective = coarsened(self._finest[key], self.records_of(point), settings)

@@ -48,7 +48,7 @@ class Linearization(Brief):
     capacitances, if those are bounded) and gamma; `slope_v` holds dU by d ln of each, over the
     scored samples, measured minus simulated like `error_v`. `held` gives the reason why any other
     parameter is not free. `time_s` joins the clocks of all records, further apart than `longest_s`,
-    the duration of the longest of them. `informed` are the samples with information about the
+    the duration of the longest of them. `is_informative` are the samples with information about the
     circuit: those of a rest before the first load have none. `by_nuisance_v` is the effect on the
     errors of one standard error of each nuisance: of the starts, and with a moving hysteresis all
     of `nuisance_columns`; `nuisances_sd` is their distance from the given values, in standard
@@ -65,7 +65,7 @@ class Linearization(Brief):
     longest_s: float
     error_v: Float[np.ndarray, "scored"]
     slope_v: Float[np.ndarray, "scored free"]
-    informed: Bool[np.ndarray, "scored"]
+    is_informative: Bool[np.ndarray, "scored"]
 
     @property
     def samples(self) -> int:
@@ -136,14 +136,14 @@ def linearize(
         if name not in held and not is_seen[index]
     }
     free = tuple(index for index, name in enumerate(box.names) if name not in held)
-    informed = np.concatenate(
-        [prepared.informed[prepared.scored] for prepared in problem.prepared_records]
+    is_informative = np.concatenate(
+        [prepared.is_informative[prepared.scored] for prepared in problem.prepared_records]
     )
     nuisances = open_starts(problem.prepared_records)
     # The errors that constants leave with a switched hysteresis look like that hysteresis.
     if get_circuit(problem.circuit).has_rate:
         further = nuisance_columns(problem.prepared_records, parameters)
-        is_many = np.count_nonzero(informed) > len(free) + further[0].shape[1]
+        is_many = np.count_nonzero(is_informative) > len(free) + further[0].shape[1]
         nuisances = further if is_many else nuisances
     return Linearization(
         point=point,
@@ -156,7 +156,7 @@ def linearize(
         longest_s=max(prepared.scored_duration_s for prepared in problem.prepared_records),
         error_v=error_v,
         slope_v=slope_v[:, list(free)],
-        informed=informed,
+        is_informative=is_informative,
     )
 
 
@@ -287,7 +287,7 @@ class Covariance(Brief):
     @classmethod
     def of(cls, linearization: Linearization) -> "Covariance":
         """The covariance at an optimum."""
-        here = linearization.informed
+        here = linearization.is_informative
         error_v, time_s = linearization.error_v[here], linearization.time_s[here]
         values, vectors = _basis(
             np.hstack([linearization.slope_v, linearization.by_nuisance_v])[here]
@@ -321,7 +321,7 @@ class Covariance(Brief):
         """The standard error of `direction` . (free logarithms), half the interval of that, and the
         degrees of freedom of both."""
         by_nuisances = float(np.sum((self._to_nuisances @ direction) ** 2))
-        samples = int(np.count_nonzero(self.linearization.informed))
+        samples = int(np.count_nonzero(self.linearization.is_informative))
         freedom = samples - len(self.linearization.names)
         return self.noise.reach(self._to_noise @ direction, by_nuisances, freedom)
 

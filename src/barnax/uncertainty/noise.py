@@ -218,9 +218,9 @@ def fit_gathered(
     slots: Slots,
     *,
     counts: Float[np.ndarray, "slots"],
-    errors_v: Float[np.ndarray, "slots sides"],
+    errors_v: Float[np.ndarray, "slots voltages"],
     columns: Float[np.ndarray, "slots columns"],
-    squares_v2: Float[np.ndarray, "sides"],
+    squares_v2: Float[np.ndarray, "voltages"],
 ) -> list[Noise]:
     """The noise from sums over slots: the number of samples, and the sums of their errors and
     columns; one for each of several voltages that share the columns. `squares_v2` are the errors'
@@ -298,7 +298,7 @@ def fit_gathered(
         )
 
     units_v2 = (squares_v2 / samples).tolist()
-    return [noise_of(*side) for side in zip(errors_v.T, units_v2, strict=True)]
+    return [noise_of(*voltage) for voltage in zip(errors_v.T, units_v2, strict=True)]
 
 
 def _with_prior(design: Float[np.ndarray, "bins parts"]) -> Float[np.ndarray, "rows parts"]:

@@ -4,12 +4,10 @@ The lines above the names are skipped, units below them are joined to them, and 
 layer, as Neware's reports have for cycles and steps, are left out. Polars reads the cells.
 """
 
-import contextlib
 import csv
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,7 +20,7 @@ from ..cell_values import numbers
 from ..columns import Column, Header
 from ..quantities import CELL_RANGE_V, NEEDED
 from ..table import Reader, Table
-from .content import NUMBER_BYTES, PREAMBLE_BYTES, as_utf8, head_lines, is_text, require_room
+from .content import NUMBER_BYTES, as_utf8, head_lines, is_text, require_room
 
 Schema = Mapping[str, type[pl.DataType]]
 
@@ -70,14 +68,14 @@ def _read(content: bytes, given: Mapping[str, str]) -> Table:
     rows = content.count(b"\n", _offset(content, above))
     require_room(NUMBER_BYTES * rows * len(header.names), content)
     header = Header((*header.names, ""), given)
-    columns = _columns(content, above, header.names, delimiter)
+    columns = _columns(content[_offset(content, above) :], header.names, delimiter)
     row = np.arange(lead + 1, lead + 1 + len(columns[0]))
     for begin, dropped in reversed(breaks):
         row[row >= begin] += dropped
     if breaks:
         again = ", ".join(str(begin + dropped) for begin, dropped in breaks[:5])
         notes.append(_left_out(part="names", rows=again))
-    table = Table(header, tuple(columns), row, notes=tuple(notes))
+    table = Table(header, columns, row, notes=tuple(notes))
     return _without_headings(_within_the_names(_records_of_layers(table)))
 
 
@@ -224,44 +222,29 @@ def _refuse_decimal_commas(lines: Sequence[str], above: int, names: int, delimit
         )
 
 
-def _columns(text: bytes, above: int, header: Sequence[str], delimiter: str) -> list[pl.Series]:
-    """The cells below so many lines: numbers where a column holds nothing else, else text."""
-    start = _offset(text, above)
-    if not text[start : start + PREAMBLE_BYTES].strip() and not text[start:].strip():
-        return [pl.Series(str(k), [], dtype=pl.String) for k in range(len(header))]
-    names = [str(k) for k in range(len(header))]
+def _columns(text: bytes, header: Sequence[str], delimiter: str) -> tuple[pl.Series, ...]:
+    """The cells: numbers where a column holds nothing else, else text."""
+    schema = {str(k): pl.String for k in range(len(header))}
     # The first line tells Polars the width, and testers end the names or the cells with one more
     # delimiter: a line of our own is as wide as the header.
     wide = f"{delimiter * (len(header) - 1)}\n".encode() if len(header) > 1 else b'""\n'
-    first = wide + text[start : _offset(text, _GUESSED_LINES, start)]
     encoding = "utf8" if text.isascii() else "utf8-lossy"
-    parsed = partial(pl.read_csv, has_header=False, separator=delimiter, encoding=encoding)
-    of_any_width = partial(parsed, truncate_ragged_lines=True)
-
-    def widened(schema: Schema) -> list[pl.Series]:
-        content = b"".join([wide, memoryview(text)[start:]])
-        return of_any_width(content, schema=schema)[1:].get_columns()
-
-    with contextlib.suppress(pl.exceptions.PolarsError):
-        types = of_any_width(first, new_columns=names, infer_schema_length=None).schema.items()
-        # Whole numbers may go on with a fraction.
-        guessed = {name: pl.Float64 if kind.is_numeric() else pl.String for name, kind in types}
-        with contextlib.suppress(pl.exceptions.PolarsError):
-            # Without a copy of the content, and nothing beyond the names.
-            schema = {name: guessed[name] for name in names[:-1]}
-            frame = parsed(text, schema=schema, skip_lines=above)
-            beyond = pl.lit(None, pl.String).alias(names[-1])
-            return frame.with_columns(beyond).get_columns()
-        return widened(guessed)
-    # A word among the numbers, or a quote within a cell: as text, a message can quote it.
+    how: dict[str, Any] = {"separator": delimiter, "encoding": encoding, "schema": schema}
     try:
-        columns = widened(dict.fromkeys(names, pl.String))
+        frame = pl.read_csv(wide + text, has_header=False, truncate_ragged_lines=True, **how)
     except pl.exceptions.PolarsError as error:
         raise InputError(
             f"cannot be split into columns at {delimiter!r}; export it as plain CSV without"
             " quotes inside cells."
         ) from error
-    return [column.str.strip_chars().replace("", None) for column in columns]
+    # Most columns are of plain numbers, and the blanks around cells of others take longer.
+    read = zip(frame[1:], frame[1:].select(pl.all().cast(pl.Float64, strict=False)), strict=True)
+    return tuple(
+        plain
+        if plain.null_count() == cells.null_count()
+        else cells.str.strip_chars().replace("", None)
+        for cells, plain in read
+    )
 
 
 def _kept(table: Table, is_left_out: Bool[np.ndarray, "lines"], part: str) -> Table:

@@ -5,12 +5,12 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import polars as pl
 from jaxtyping import Float
 
 from ..errors import InputError
 from .record import Record, is_long
 from .source import Source
+from .table import Table
 
 # Between the names of the files of a log.
 NEXT_FILE = " + "
@@ -35,31 +35,12 @@ def joined(sources: Sequence[Source]) -> Source:
             )
     tables = [source.table for source in sources]
     before = np.cumsum([0, *(table.row[-1] if len(table.row) else 1 for table in tables[:-1])])
-    name = NEXT_FILE.join(source.name for source in sources)
-    columns = zip(first.table.header.names, *(table.columns for table in tables), strict=True)
-    table = replace(
-        first.table,
-        columns=tuple(_concatenated(name, header, parts) for header, *parts in columns),
-        row=np.concatenate([table.row + rows for table, rows in zip(tables, before, strict=True)]),
-        sheets=sum((table.sheets for table in tables), ()) if all(t.sheets for t in tables) else (),
-        notes=tuple(dict.fromkeys(note for table in tables for note in table.notes)),
-        files=len(tables),
-    )
-    sha256 = " ".join(source.sha256 for source in sources)
-    return replace(first, name=name, table=table, sha256=sha256)
-
-
-def _concatenated(name: str, header: str, parts: Sequence[pl.Series]) -> pl.Series:
-    """A column of several files, of a type that holds all its values."""
-    dtypes = [part.dtype for part in parts if part.dtype != pl.Null]
-    if len({dtype.is_temporal() for dtype in dtypes}) > 1:
-        raise InputError(f"{name}: '{header}' has dates in some of the files and none in others")
-    frames = [part.to_frame(header) for part in parts]
-    try:
-        return pl.concat(frames, how="vertical_relaxed").to_series()
-    except pl.exceptions.PolarsError:
-        kinds = " and ".join(dict.fromkeys(map(str, dtypes)))
-        raise InputError(f"{name}: '{header}' is of {kinds}, which make no one column") from None
+    parts = [
+        replace(table, row=table.row + rows) for table, rows in zip(tables, before, strict=True)
+    ]
+    table = replace(Table.stacked(parts), files=len(parts))
+    names, digests = zip(*((source.name, source.sha256) for source in sources), strict=True)
+    return replace(first, name=NEXT_FILE.join(names), table=table, sha256=" ".join(digests))
 
 
 def pause_s(earlier: Record, later: Record) -> float:

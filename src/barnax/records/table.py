@@ -2,7 +2,7 @@
 
 import hashlib
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
@@ -59,6 +59,19 @@ class Table:
         """The table of a frame, whose names stand in row 1."""
         rows = np.arange(2, frame.height + 2)
         return cls(Header(tuple(frame.columns)), tuple(frame.get_columns()), rows, **fields)
+
+    @classmethod
+    def stacked(cls, tables: Sequence[Self]) -> Self:
+        """Tables of one header, one below the other; a column is text where only that holds all of
+        its values, so that a stray word can be quoted."""
+        has_sheets = all(table.sheets for table in tables)
+        return replace(
+            tables[0],
+            columns=tuple(map(_stacked, zip(*(table.columns for table in tables), strict=True))),
+            row=np.concatenate([table.row for table in tables]),
+            sheets=sum((table.sheets for table in tables), ()) if has_sheets else (),
+            notes=tuple(dict.fromkeys(note for table in tables for note in table.notes)),
+        )
 
     @cached_property
     def examined(self) -> dict[tuple[int, float | None], Any]:
@@ -137,6 +150,13 @@ class Table:
         if column.is_unit_assumed and len(finite) and np.median(np.abs(finite)) > _MILLIVOLTS:
             values_v = values_v / 1000
         return values_v
+
+
+def _stacked(parts: Sequence[pl.Series]) -> pl.Series:
+    dtypes = {part.dtype for part in parts} - {pl.Null}
+    is_mixed = len(dtypes) > 1 and not all(dtype.is_numeric() for dtype in dtypes)
+    frames = [(part.cast(pl.String) if is_mixed else part).to_frame("") for part in parts]
+    return pl.concat(frames, how="vertical_relaxed").to_series()
 
 
 def is_of_cell(values_v: Float[np.ndarray, "lines"]) -> bool:

@@ -149,29 +149,22 @@ def _joined(bodies: dict[str, pl.DataFrame], names: _Names, ignored: list[str]) 
         cells = (body.to_series(clock.index).head(1) for _, body in filled)
         starts = [float(numbers(first, clock)[0]) for first in cells]
         filled = [filled[index] for index in np.argsort(starts, kind="stable")]
-    sheets = f"sheet{'s' if len(ignored) > 1 else ''} {listed(ignored)}"
-    notes = [Notice("columns.left-out", {"part": "sheets", "sheets": sheets})] if ignored else []
+    notes = []
+    if ignored:
+        sheets = f"sheet{'s' if len(ignored) > 1 else ''} {listed(ignored)}"
+        notes.append(Notice("columns.left-out", {"part": "sheets", "sheets": sheets}))
     if names.above:
         above = {"part": "above", "names_row": names.above + 1}
         notes.append(Notice("columns.left-out", above))
-    rows = (np.arange(body.height) + names.body + 1 for _, body in filled)
-    parts = ([body.to_series(k) for _, body in filled] for k in range(len(header.names)))
-    return Table(
-        header=header,
-        columns=tuple(map(_stacked, parts)),
-        row=np.concatenate([np.arange(0), *rows]),
-        sheets=tuple((name, body.height) for name, body in filled),
-        notes=tuple(notes),
-    )
-
-
-def _stacked(parts: list[pl.Series]) -> pl.Series:
-    """One series; text as soon as one part is text, so that a stray word can be quoted."""
-    if not parts:
-        return pl.Series([], dtype=pl.String)
-    if len({part.dtype for part in parts}) > 1:
-        parts = [part.cast(pl.String) for part in parts]
-    return pl.concat([part.alias("") for part in parts])
+    if not filled:
+        empty = (pl.Series([], dtype=pl.String),) * len(header.names)
+        return Table(header, empty, np.arange(0), notes=tuple(notes))
+    tables = []
+    for name, body in filled:
+        columns = tuple(body.to_series(k) for k in range(len(header.names)))
+        rows = np.arange(body.height) + names.body + 1
+        tables.append(Table(header, columns, rows, ((name, body.height),), tuple(notes)))
+    return Table.stacked(tables)
 
 
 WORKBOOK = Reader("spreadsheet workbook", _recognizes, _read)

@@ -101,7 +101,7 @@ def test_the_independent_fit_is_a_line_of_numpy_in_each_segment():
     slope, intercept = np.polyfit(W_SOC[inside], w[inside], 1)
     assert fitted["C"] == pytest.approx(slope, abs=1e-6)
     assert fitted["D"] == pytest.approx(intercept, abs=1e-6)
-    assert fitted["P"] == pytest.approx(w[(W_SOC >= 0.35) & (W_SOC < 0.75)].mean(), abs=1e-12)
+    assert fitted["P"] == pytest.approx(w[(W_SOC >= 0.35) & (W_SOC < 0.75)].mean(), abs=1e-6)
 
 
 @pytest.mark.parametrize("kind", ["continuous", "independent"])

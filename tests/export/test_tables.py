@@ -90,7 +90,7 @@ def test_the_hysteresis_starts_where_the_last_current_left_it(direction):
         (
             {
                 "ocv_v": lambda cell, soc: 3.5 + 0 * soc,
-                "hysteresis": Hysteresis("instant", lambda cell: lambda soc: 0.02 * soc**2),
+                "hysteresis": Hysteresis("instant", lambda _, soc: 0.02 * soc**2),
             },
             3.5,
             0.02 * FINE**2,

@@ -17,20 +17,12 @@ from .model import CellModel
 from .parameters import MAX_PAIRS, parameter_names
 
 Samples = Float[np.ndarray, "samples"]
-Gap = Callable[[Samples], Samples]
+OverSoc = Callable[[CellModel, Samples], Samples]
 
 
 # By name, so that a circuit can be pickled and compared.
-def no_gap(cell: CellModel) -> Gap:
-    return np.zeros_like
-
-
-def measured_gap(cell: CellModel) -> Gap:
-    return cell.branch_gap_v
-
-
-def segmented_gap(cell: CellModel) -> Gap:
-    return cell.hysteresis
+def no_gap_v(_: CellModel, soc: Samples) -> Samples:
+    return np.zeros_like(soc)
 
 
 @dataclass(frozen=True)
@@ -41,16 +33,16 @@ class Hysteresis:
     Args:
         kind: What moves the state: it follows the direction at once, turns along loops, or is
             dynamic, at a rate gamma that is one more parameter.
-        gap: Called with the cell; gives the curve of charge minus discharge OCV in V over SOC, by
-            default as measured.
+        gap_v: Called with the cell and SOC; gives charge minus discharge OCV in V, by default as
+            measured.
     """
 
     kind: Literal["none", "instant", "loops", "dynamic"]
-    gap: Callable[[CellModel], Gap] = measured_gap
+    gap_v: OverSoc = CellModel.branch_gap_v
 
     def half_v(self, cell: CellModel, soc: Samples) -> Samples:
         """Half the gap in V: from the average OCV to either branch."""
-        return self.gap(cell)(soc) / 2
+        return self.gap_v(cell, soc) / 2
 
     def state(self, soc: Samples, direction: Samples) -> Samples:
         """The state at every sample, of a dynamic hysteresis the one toward which it moves."""
@@ -58,7 +50,7 @@ class Hysteresis:
 
 
 EVERYWHERE = np.linspace(0.0, 1.0, 101)
-NO_HYSTERESIS = Hysteresis("none", no_gap)
+NO_HYSTERESIS = Hysteresis("none", no_gap_v)
 
 
 @dataclass(frozen=True)
@@ -79,7 +71,7 @@ class Circuit:
     description: str
     elements: tuple[str, ...] = (RC.name,) * 2
     hysteresis: Hysteresis = NO_HYSTERESIS
-    ocv_v: Callable[[CellModel, Samples], Samples] = CellModel.average_ocv_v
+    ocv_v: OverSoc = CellModel.average_ocv_v
 
     def __post_init__(self) -> None:
         require_order(self.elements)
@@ -155,7 +147,7 @@ def loops(soc: Samples, direction: Samples) -> Samples:
 _AVERAGED = "OCV averaged over charge and discharge"
 _WITH = "two RC pairs, average OCV and"
 _PAIR = (RC.name,)
-SEGMENTED = Hysteresis("instant", segmented_gap)
+SEGMENTED = Hysteresis("instant", CellModel.hysteresis_v)
 DYNAMIC, LOOPS = Hysteresis("dynamic"), Hysteresis("loops")
 _TURNING = f"{_WITH} hysteresis that turns along hyperbolic tangents"
 ISO_RC = Circuit("iso-rc", f"{_WITH} segmented hysteresis voltage", _PAIR * 2, SEGMENTED)

@@ -15,7 +15,6 @@ from ..display import Brief
 from ..errors import InputError, require_choice
 from ..notices import Notice
 from ..settings import HysteresisFit, OcvFit
-from .tables import hats
 
 POLYNOMIAL_DEGREE = 7
 # Of two rested points each may be 1.5 mV off.
@@ -142,17 +141,12 @@ def curve_warnings(curve: AbstractCurve, branch: str | None) -> Iterator[Notice]
     `branch` is its name, if it has one. An OCV rises with SOC; what falls between good points
     is the fit, not the cell.
     """
-    curve_values = {"branch": branch, "fit": curve.kind}
     inside = np.linspace(curve.soc[:-1], curve.soc[1:], CHECKS_PER_GAP, endpoint=False, axis=1)
     grid = np.append(inside, curve.soc[-1])
     voltage_v = curve(grid)
     fall_v = np.maximum.accumulate(voltage_v) - voltage_v
     worst = int(np.argmax(fall_v))
-    if fall_v[worst] > FALL_TOLERANCE_V:
-        top = int(np.argmax(voltage_v[:worst]))
-        at = {"from_soc": grid[top], "to_soc": grid[worst]}
-        fault = {"fault": "falls", "fault_v": fall_v[worst]}
-        yield Notice("ocv-curve.fit", {**fault, **at, **curve_values})
+    top = int(np.argmax(voltage_v[: worst + 1]))
     left_v, right_v = curve.voltage_v[:-1], curve.voltage_v[1:]
     margin_v = np.abs(right_v - left_v) + OVERSHOOT_TOLERANCE_V
     between_v = voltage_v[:-1].reshape(len(left_v), CHECKS_PER_GAP)
@@ -160,22 +154,29 @@ def curve_warnings(curve: AbstractCurve, branch: str | None) -> Iterator[Notice]
     below_v = np.minimum(left_v, right_v) - between_v.min(axis=1)
     beyond_v = np.maximum(above_v, below_v)
     gap = int(np.argmax(beyond_v - margin_v))
-    if beyond_v[gap] > margin_v[gap]:
-        at = {"from_soc": curve.soc[gap], "to_soc": curve.soc[gap + 1]}
-        fault = {"fault": "overshoots", "fault_v": beyond_v[gap]}
-        yield Notice("ocv-curve.fit", {**fault, **at, **curve_values})
     errors_v = np.abs(curve.errors_v)
     missed = int(np.argmax(errors_v))
-    if errors_v[missed] > MISS_TOLERANCE_V:
-        fault = {"fault": "misses", "fault_v": errors_v[missed], "soc": curve.soc[missed]}
-        yield Notice("ocv-curve.fit", {**fault, **curve_values})
+    falls = {"from_soc": grid[top], "to_soc": grid[worst]}
+    overshoots = {"from_soc": curve.soc[gap], "to_soc": curve.soc[gap + 1]}
+    for fault, fault_v, allowed_v, at in (
+        ("falls", fall_v[worst], FALL_TOLERANCE_V, falls),
+        ("overshoots", beyond_v[gap], margin_v[gap], overshoots),
+        ("misses", errors_v[missed], MISS_TOLERANCE_V, {"soc": curve.soc[missed]}),
+    ):
+        if fault_v > allowed_v:
+            values = {"fault": fault, "fault_v": fault_v, **at}
+            yield Notice("ocv-curve.fit", {**values, "branch": branch, "fit": curve.kind})
 
 
 Ends = Float[np.ndarray, "5 2"]
+Basis = Float[np.ndarray, "5 2 values"]
 KNOTS = np.array([0.0, 0.1, 0.35, 0.75, 0.95, 1.0])
 FLAT = 2
-# Which of the five nodal values (W(0), W(0.1), P, W(0.95), W(1)) stands at each knot.
-NODE_AT_KNOT = np.array([0, 1, 2, 2, 3, 4])
+SEGMENTS = len(KNOTS) - 1
+# The ends of the segments by five nodal values (W(0), W(0.1), P, W(0.95), W(1)), and by nine of
+# their own, of which the flat one has one.
+NODES: Basis = np.eye(5)[[[0, 1], [1, 2], [2, 2], [2, 3], [3, 4]]]
+STEPPED: Basis = np.eye(9)[[[0, 1], [2, 3], [4, 4], [5, 6], [7, 8]]]
 # Weight of the tie between neighboring nodes. Squared against one point's weight of 1 it moves a
 # measured node by about a millionth of W, but decides where no point does.
 TIE = 1e-3
@@ -211,9 +212,13 @@ class SegmentedHysteresis(Brief):
         require_choice("hysteresis_fit", kind, get_args(HysteresisFit))
         if len(soc) == 0:
             raise InputError("the hysteresis voltage needs at least one SOC on both branches")
-        ends_v = _continuous_ends(soc, hysteresis_v)
+        segment, fraction = _locate(np.asarray(soc))
+        lines, rows = np.zeros((len(soc), SEGMENTS, 2)), np.arange(len(soc))
+        lines[rows, segment, 0], lines[rows, segment, 1] = 1 - fraction, fraction
+        ends_v = _tied(lines, hysteresis_v, NODES, np.diff(np.eye(5), axis=0))
         if kind == "independent":
-            ends_v = _independent_ends(soc, hysteresis_v, ends_v)
+            left_v = hysteresis_v - np.sum(lines * ends_v, axis=(1, 2))
+            ends_v = ends_v + _tied(lines, left_v, STEPPED, np.eye(STEPPED.shape[-1]))
         points = tuple(zip(soc.tolist(), hysteresis_v.tolist(), strict=True))
         return cls(kind, tuple(map(tuple, ends_v.tolist())), points)
 
@@ -253,28 +258,10 @@ def _locate(soc: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return segment, (inside - KNOTS[segment]) / (KNOTS[segment + 1] - KNOTS[segment])
 
 
-def _continuous_ends(soc: Values, hysteresis_v: Values) -> Ends:
-    shares = hats(soc, KNOTS) @ np.eye(5)[NODE_AT_KNOT]
-    ties = TIE * np.diff(np.eye(5), axis=0)
-    matrix = np.concatenate([shares, ties])
-    target = np.concatenate([hysteresis_v, np.zeros(len(ties))])
-    nodes_v = np.linalg.lstsq(matrix, target)[0]
-    at_knots_v = nodes_v[NODE_AT_KNOT]
-    return np.stack([at_knots_v[:-1], at_knots_v[1:]], axis=1)
-
-
-def _independent_ends(soc: Values, hysteresis_v: Values, continuous_v: Ends) -> Ends:
-    segment, fraction = _locate(np.asarray(soc))
-    ends_v = continuous_v.copy()
-    for index in range(len(ends_v)):
-        inside = segment == index
-        if index == FLAT:
-            if inside.any():
-                ends_v[index] = hysteresis_v[inside].mean()
-            continue
-        line = np.stack([1 - fraction[inside], fraction[inside]], axis=1)
-        excess_v = hysteresis_v[inside] - line @ continuous_v[index]
-        matrix = np.concatenate([line, TIE * np.eye(2)])
-        target = np.concatenate([excess_v, np.zeros(2)])
-        ends_v[index] += np.linalg.lstsq(matrix, target)[0]
-    return ends_v
+def _tied(
+    lines: Float[np.ndarray, "points 5 2"], target_v: Values, basis: Basis, ties: np.ndarray
+) -> Ends:
+    """The ends of all segments that fit a target by least squares, where ties leave them open."""
+    matrix = np.concatenate([np.tensordot(lines, basis), TIE * ties])
+    values = np.linalg.lstsq(matrix, np.append(target_v, np.zeros(len(ties))))[0]
+    return basis @ values

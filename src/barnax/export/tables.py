@@ -224,9 +224,9 @@ def _hysteresis(
         return VoltageTable(np.round(over_soc.nodes, DIGITS_SOC), np.round(w_v, DIGITS_V))
     if hysteresis.kind == "none":
         return None
-    gap = hysteresis.gap(cell)
-    is_segmented = isinstance(gap, SegmentedHysteresis)
-    return segment_table(gap) if is_segmented else linear_table(gap, _bends(cell))
+    if hysteresis.gap_v is CellModel.hysteresis_v:
+        return segment_table(cell.hysteresis)
+    return linear_table(partial(hysteresis.gap_v, cell), _bends(cell))
 
 
 def _bends(cell: CellModel) -> Values:

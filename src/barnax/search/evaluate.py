@@ -296,7 +296,7 @@ def _by_hysteresis_v(
     Without turns of the current it is part of the OCV, so only what differs from the mean counts.
     """
     soc = prepared.soc[prepared.scored]
-    gap_v = get_circuit(prepared.circuit).hysteresis.gap(prepared.cell)(soc)
+    gap_v = get_circuit(prepared.circuit).hysteresis.gap_v(prepared.cell, soc)
     state = hysteresis_state(prepared, parameters)[prepared.scored]
     sd_v = math.sqrt(np.mean(gap_v**2))
     columns_v = -sd_v / 2 * (state - np.mean(state))[:, None] * hats(soc, KNOTS)

@@ -161,7 +161,9 @@ def circuit_values(
     return r0, r, tau_s
 
 
-def circuit_of(r0: float | np.ndarray, r: np.ndarray, tau_s: np.ndarray) -> CircuitParameters:
+def circuit_of(
+    r0: float | np.ndarray, r: np.ndarray, tau_s: np.ndarray, gamma: float | None = None
+) -> CircuitParameters:
     """The circuit with these values. Raises `MethodFailure` if no circuit has them."""
     if not np.all(np.isfinite(np.hstack([r0, r, tau_s]))):
         raise MethodFailure(
@@ -174,7 +176,7 @@ def circuit_of(r0: float | np.ndarray, r: np.ndarray, tau_s: np.ndarray) -> Circ
             f"R{index} {1e3 * value:.4g} mohm" for index, value in enumerate(resistances)
         )
         raise MethodFailure(f"the difference equation it finds has a negative resistance: {values}")
-    return CircuitParameters.of_tau(resistances[0], resistances[1:], tau_s)
+    return CircuitParameters.of_tau(resistances[0], resistances[1:], tau_s, gamma)
 
 
 def outside_box(parameters: CircuitParameters, problem: Problem) -> tuple[str, ...]:
@@ -266,8 +268,8 @@ def averaged(
         np.median(r0[counted]),
         np.median(r[counted], axis=0),
         np.median(tau_s[counted], axis=0),
-    )
-    parameters = parameters.ordered().with_rate(gamma)
+        gamma,
+    ).ordered()
     note = (
         f"averaged over the {np.count_nonzero(counted)} of {np.count_nonzero(late)} samples at "
         "which its equation is a circuit"

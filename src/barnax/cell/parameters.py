@@ -283,11 +283,6 @@ class CircuitParameters(Brief):
         tables = {each: row for each, row in self.tables.items() if each != name}
         return replace(self, tables=tables)
 
-    def with_rate(self, gamma: float | None) -> Self:
-        """The same with a dynamic hysteresis of that rate, or with none."""
-        scales = {name: scale for name, scale in self.scales.items() if name != RATE}
-        return replace(self, scales=scales if gamma is None else scales | {RATE: gamma})
-
     def ordered(self) -> Self:
         """The same circuit with its pairs from fast to slow."""
         pairs = self.names[: alike(self.elements)]

@@ -92,7 +92,7 @@ def _voltage_spikes(given: CheckInput) -> Flags:
     """True where the voltage spikes."""
     # A current explains what the voltage does at that moment and later.
     answer_v = given.record.current_a * given.response_ohm
-    return _spikes(given, given.source_v, answer_v, after=0)
+    return _spikes(given, given.record.source_v, answer_v, after=0)
 
 
 def _spikes(given: CheckInput, values: Channel, other: Channel, after: int) -> Flags:

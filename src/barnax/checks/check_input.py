@@ -104,11 +104,6 @@ class CheckInput:
         return float(np.quantile(moved_v / np.abs(self.samples.step_a[at]), _MAX_STEPS))
 
     @cached_property
-    def source_v(self) -> Float[np.ndarray, "samples"]:
-        """The voltage without the drop over the resistance."""
-        return self.record.voltage_v + self.samples.resistance_ohm * self.record.current_a
-
-    @cached_property
     def ocv(self) -> OcvSweeps:
         """The OCV sweeps of the record, or why it is no OCV test."""
         return find_sweeps(self.record, self.capacity_ah)

@@ -49,7 +49,7 @@ def find_gaps(given: CheckInput) -> Iterator[Notice]:
     gaps = gaps[interval_s[gaps] > np.median(interval_s)]
     if not 0 < len(gaps) <= max(1, _MANY * len(interval_s)):
         return
-    jump_v = np.abs(np.diff(given.source_v)[gaps])
+    jump_v = np.abs(np.diff(given.record.source_v)[gaps])
     is_between_rests = given.segments.is_rested[gaps] & given.segments.is_rested[gaps + 1]
     # Between rests of two voltages a load was left out.
     is_lost = is_between_rests & (jump_v > _HIDDEN_V)
@@ -106,14 +106,14 @@ _UNEXPLAINED = 3.0
 def find_breaks(given: CheckInput) -> Iterator[Notice]:
     """Places where the voltage goes elsewhere between two samples, and no current says why."""
     record = given.record
-    moved_v = np.abs(np.diff(given.source_v))
+    moved_v = np.abs(np.diff(given.record.source_v))
     indices = np.flatnonzero(moved_v > max(_BREAK_V, _BREAK_NOISE * given.samples.noise_v))
     # In a long interval a cell relaxes so far.
     indices = indices[record.interval_s[indices] <= FINE_S]
     indices = np.setdiff1d(indices, gaps_in(record.interval_s))
     indices = indices[(indices >= _SIDE - 1) & (indices + _SIDE < record.samples)]
     window = indices[:, None] + np.arange(1 - _SIDE, 1 + _SIDE)
-    around_v, around_a = given.source_v[window], record.current_a[window]
+    around_v, around_a = given.record.source_v[window], record.current_a[window]
     sides_v = around_v[:, :_SIDE], around_v[:, _SIDE:]
     unsteady_v = np.maximum(*(np.ptp(side_v, axis=1) for side_v in sides_v))
     explained_v = _UNEXPLAINED * given.response_ohm * np.ptp(around_a, axis=1)

@@ -8,12 +8,13 @@ import polars as pl
 import pytest
 
 import barnax
-from barnax import InputError, Result
+from barnax import Result
 from barnax.bundled import BUNDLED
 from barnax.plan import plan, plan_from_toml, plan_to_toml
 from barnax.plan.running import planned
 from barnax.records import Source, read_record
-from barnax.records.log import _concatenated, joined
+from barnax.records.cell_values import numbers
+from barnax.records.log import joined
 from barnax.records.table import Table
 from helpers.records import CURRENT, TIME, VOLTAGE
 
@@ -113,10 +114,15 @@ def test_a_log_has_one_folder_one_temperature_and_columns_of_one_type(cut):
         (cut / name).unlink()
     last.with_columns(pl.lit("x").alias("remark")).write_parquet(cut / "b.parquet")
     assert records(cut) == ["b.parquet", "c.parquet + a.parquet"]
+
+
+def test_a_column_of_two_kinds_is_text_in_which_each_cell_is_what_it_was():
     dates = pl.Series("date", [date(2024, 1, 1)]).cast(pl.Datetime("ms"))
-    for other in (dates.dt.replace_time_zone("UTC"), pl.Series("date", [1])):
-        with pytest.raises(InputError, match="'date'"):
-            _concatenated("a + b", "date", [dates, other])
+    for other, second in ((dates.dt.replace_time_zone("UTC"), 1704067200.0), ([1], np.nan)):
+        parts = (dates, pl.Series("date", other))
+        whole = Table.stacked([Table.of(part.to_frame()) for part in parts])
+        stamps = numbers(whole.columns[0], whole.header.columns["date"])
+        np.testing.assert_array_equal(stamps, [1704067200.0, second])
 
 
 def test_names_with_the_mark_between_files_stay_apart(cut):

@@ -110,8 +110,8 @@ def test_a_slip_of_the_clock_anywhere_is_detected_and_seen_through(
     wrong = (clock[-1] + off_s if is_late else clock[0] - off_s) + np.arange(run) / 8
     outcome = checked(tmp_path_factory.mktemp("slip"), changed(inputs, TIME, wrong, lines))
     assert finding(outcome, "clock").row == line + 2
-    assert outcome.traits.samples == 2000 - run
-    assert outcome.traits.time_s[1] == clock[-1]
+    assert outcome.traits.facts["samples"] == 2000 - run
+    assert outcome.traits.facts["time [s]"][1] == clock[-1]
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -128,7 +128,7 @@ def test_files_in_the_wrong_order_are_sorted_though_the_log_paused_between_them(
     pieces = [whole[:2000], whole[2000:].with_columns(pl.col(TIME) + gap_s)]
     outcome = check_file(source_from_frame(pl.concat(pieces[::-1]), "joined"))
     assert finding(outcome, "clock").values["cause"] == "shuffled"
-    assert outcome.traits.time_s == (0.0, 3999.0 + gap_s)
+    assert outcome.traits.facts["time [s]"] == (0.0, 3999.0 + gap_s)
 
 
 @given(lines=st.sets(st.integers(1, 49).map(lambda number: 40 * number), max_size=20))

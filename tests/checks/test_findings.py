@@ -278,7 +278,7 @@ def test_a_fault_is_detected_by_its_check_and_its_errors_are_what_the_reader_rai
     TEXTS[fault] = "".join(f"  {each.severity} {each.check}: {each}\n" for each in outcome.findings)
     if (seen := outcome.traits) is not None:
         moved = f"{seen.charged_ah:.4f} Ah in, {seen.discharged_ah:.4f} Ah out"
-        TEXTS[fault] += f"  seen: {seen.samples} samples, {moved}\n"
+        TEXTS[fault] += f"  seen: {seen.facts['samples']} samples, {moved}\n"
     errors = [each for each in outcome.findings if each.severity == "error"]
     # Reading knows of no capacity.
     if not errors or fault == "milliamperes by the capacity":

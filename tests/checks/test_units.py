@@ -39,12 +39,15 @@ def assert_seen_through(folder, name, outcome):
     """The facts are those of the clean record."""
     if name not in CLEAN:
         CLEAN[name] = checked(folder, frame(name)).traits
-    mine, clean = outcome.traits, CLEAN[name]
-    assert mine.samples == clean.samples
-    assert mine.charged_ah == pytest.approx(clean.charged_ah, rel=1e-6)
-    assert mine.discharged_ah == pytest.approx(clean.discharged_ah, rel=1e-6)
-    assert mine.median_interval_s == pytest.approx(clean.median_interval_s, rel=1e-6)
-    assert mine.voltage_v == pytest.approx(clean.voltage_v, rel=1e-6)
+    mine, clean = outcome.traits.facts, CLEAN[name].facts
+    for fact in (
+        "samples",
+        "charged [Ah]",
+        "discharged [Ah]",
+        "median interval [s]",
+        "voltage [V]",
+    ):
+        assert mine[fact] == pytest.approx(clean[fact], rel=1e-6)
 
 
 def times(column, factor):

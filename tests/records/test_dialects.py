@@ -120,7 +120,7 @@ def test_columns_are_the_way_out_for_what_nobody_knows(tmp_path, given):
     above = b"Pruefstand 7\n\n"
     require_the_record(read(tmp_path, above + table.write_csv().encode(), columns=given))
     require_the_record(record_from_frame(table, columns=given))
-    assert check_file(tmp_path / "cell.csv", columns=given).traits.samples == 300
+    assert check_file(tmp_path / "cell.csv", columns=given).traits.facts["samples"] == 300
 
 
 @pytest.mark.parametrize("given", ["strom=I", "junk", "time=", "time=a,amps=b", {"colour": "red"}])

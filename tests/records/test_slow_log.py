@@ -67,7 +67,7 @@ def test_a_check_tells_what_the_rows_are_and_what_that_does(rows):
     assert told.severity == ("warning" if rows == "instants" else "note")
     assert told.values["rows"] == rows
     assert checked.traits
-    assert checked.traits.current_hold == "centered"
+    assert checked.traits.facts["current hold"] == "centered"
 
 
 def calm(seed, in_time):

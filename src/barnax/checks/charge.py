@@ -8,7 +8,7 @@ from ..cell.soc_axis import CAPACITY_WARNING, CHARGE, CLOSURE, DISCHARGE
 from ..metrics import TO_SD
 from ..notices import Notice
 from ..records.counters import gain_ah
-from ..records.record import held, runs
+from ..records.record import runs
 from ..records.samples import STEADY_SHARE
 from .check_input import CheckInput
 
@@ -30,8 +30,7 @@ def find_counters(given: CheckInput) -> Iterator[Notice]:
     in_ah, out_ah = given.charged_ah, given.discharged_ah
     # All the charge by the hold that was not taken.
     other = "forward" if record.hold.value == "backward" else "backward"
-    flowed_a = np.abs(held(other, record.current_a[:-1], record.current_a[1:]))
-    held_ah = float(np.sum(flowed_a * record.interval_s)) / 3600
+    held_ah = float(np.sum(np.abs(given.samples.held_ah(other))))
     if not counters.both:
         ratio = counters.net_ratio(record.moved_ah, given.samples.is_loaded)
         if ratio is not None and abs(ratio - 1) > _SCALED:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Literal, Self
 
@@ -20,7 +20,7 @@ from ..records.record import Segments, reach
 from ..records.samples import Samples
 from ..records.scale import STILL_V
 from ..records.table import LineIndex, notice_at
-from ..schema import Json, key_of
+from ..schema import Json
 
 _FEWEST_READINGS, _MAX_STEPS = 20, 0.9
 
@@ -147,16 +147,10 @@ _STEPS_A_POINT = 3
 _MOST = 0.8
 
 
-# What is said of a record beside what it can serve as.
-FACTS = (
-    *("samples", "time_s", "median_interval_s", "voltage_v", "charged_ah", "discharged_ah"),
-    *("current_sign", "current_hold"),
-)
-
-
 @dataclass(frozen=True)
 class Traits:
-    """Numbers of a record that tell what it can serve as.
+    """Numbers of a record that tell what it can serve as, and `facts` to be shown beside them, with
+    units in the keys.
 
     `steps` are those of the current that are sampled finely enough; they reach over `reach_ah` of
     charge. `half_width_at_steps` and `half_width_between` are predicted half-widths of the 95 %
@@ -166,12 +160,7 @@ class Traits:
     else None.
     """
 
-    samples: int = 0
-    time_s: tuple[float, float] = (math.nan, math.nan)
-    median_interval_s: float = math.nan
-    voltage_v: tuple[float, float] = (math.nan, math.nan)
-    current_sign: str = ""
-    current_hold: str = ""
+    facts: Json = field(default_factory=dict)
     sweeps: tuple[Sweep, ...] = ()
     steps: int = 0
     reach_ah: float = 0.0
@@ -185,11 +174,6 @@ class Traits:
     steep_v: float = 0.0
     constant_v: float | None = None
     temperature_degc: float | None = None
-
-    @property
-    def facts(self) -> Json:
-        """The facts as plain values, with units in the keys."""
-        return {key_of(name).replace("_", " "): getattr(self, name) for name in FACTS}
 
     @property
     def is_slow(self) -> bool:
@@ -276,13 +260,18 @@ def traits_of(given: CheckInput) -> Traits:
     # The deepest point below the highest one before it: charge taken out without going back up.
     out_ah = discharged_ah - np.minimum.accumulate(discharged_ah)
     at_steps = _half_width(given.samples.step_a[fine], given.samples.answer_v[fine])
+    facts = {
+        "samples": record.samples,
+        "time [s]": (float(record.time_s[0]), float(record.time_s[-1])),
+        "median interval [s]": given.samples.interval_s,
+        "voltage [V]": (float(record.voltage_v.min()), float(record.voltage_v.max())),
+        "charged [Ah]": given.charged_ah,
+        "discharged [Ah]": given.discharged_ah,
+        "current sign": record.sign.value,
+        "current hold": record.hold.value,
+    }
     return Traits(
-        samples=record.samples,
-        time_s=(float(record.time_s[0]), float(record.time_s[-1])),
-        median_interval_s=given.samples.interval_s,
-        voltage_v=(float(record.voltage_v.min()), float(record.voltage_v.max())),
-        current_sign=record.sign.value,
-        current_hold=record.hold.value,
+        facts=facts,
         sweeps=given.ocv.sweeps,
         steps=len(fine),
         reach_ah=reach(discharged_ah[fine]) if len(fine) else 0.0,

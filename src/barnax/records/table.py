@@ -73,6 +73,11 @@ class Table:
             notes=tuple(dict.fromkeys(note for table in tables for note in table.notes)),
         )
 
+    def leaving_out(self, part: str, **values: Any) -> Self:
+        """The same table, with a note of what is left out of it."""
+        note = Notice("columns.left-out", {"part": part, **values})
+        return replace(self, notes=(*self.notes, note))
+
     @cached_property
     def examined(self) -> dict[tuple[int, float | None], Any]:
         """What `examine` made of it, for it is asked when a record is read, and when it is checked:

@@ -20,7 +20,6 @@ import polars as pl
 from jaxtyping import Int
 
 from ...errors import InputError, installing, reason_of
-from ...notices import Notice
 from ..table import Reader, Table
 from .content import NUMBER_BYTES, refusing, require_room, require_room_to_unzip, require_trial
 
@@ -153,10 +152,10 @@ def _read_neware(content: bytes, _: Mapping[str, str]) -> Table:
             f"the {suffix} file is damaged: by its own counter of rows, some are missing "
             f"from row {lost} on; copy it again from the tester's computer."
         )
-    is_damaged = any(record.exc_info for record in logged)
-    notes = (Notice("columns.left-out", {"part": "damaged"}),) if is_damaged else ()
     texts = frame.with_columns(pl.col(pl.Categorical).cast(pl.String))
-    return Table.of(texts, notes=notes, has_fixed_units=True)
+    table = Table.of(texts, has_fixed_units=True)
+    is_damaged = any(record.exc_info for record in logged)
+    return table.leaving_out("damaged") if is_damaged else table
 
 
 NEWARE = Reader("Neware .nda or .ndax", _is_neware, _read_neware)

@@ -71,9 +71,9 @@ def _read(content: bytes, given: Mapping[str, str]) -> Table:
     scripts = [path for path in records if _SCRIPTS.fullmatch(path)]
     if len(records) == 1 or (scripts and len(scripts) == len(records)):
         first, *others = sorted(records)
-        values = {"part": "structs", "used": first, "unused": ", ".join(others)}
-        notes = (Notice("columns.left-out", values),) if others else ()
-        return Table.of(_frame(records[first]), notes=notes)
+        table = Table.of(_frame(records[first]))
+        unused = ", ".join(others)
+        return table.leaving_out("structs", used=first, unused=unused) if others else table
     raise InputError(_refusal(structs, [*records]))
 
 

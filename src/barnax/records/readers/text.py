@@ -15,7 +15,6 @@ import polars as pl
 from jaxtyping import Bool
 
 from ...errors import InputError, counted
-from ...notices import Notice
 from ..cell_values import numbers
 from ..columns import Column, Header
 from ..quantities import CELL_RANGE_V, NEEDED
@@ -57,7 +56,7 @@ def _read(content: bytes, given: Mapping[str, str]) -> Table:
     below = "".join(lines[lead + blank : lead + blank + 1])
     header = names.with_units(_cells(below, delimiter))
     _refuse_decimal_commas(lines[lead:], above, len(header.names), delimiter)
-    notes = [_left_out(part="above", names_row=above + 1)] if above else []
+    names_row = above + 1
     lead += blank + 1 if header is not names else 0
     above = lead
     if delimiter == _BLANK:
@@ -72,15 +71,13 @@ def _read(content: bytes, given: Mapping[str, str]) -> Table:
     row = np.arange(lead + 1, lead + 1 + len(columns[0]))
     for begin, dropped in reversed(breaks):
         row[row >= begin] += dropped
+    table = Table(header, columns, row)
+    if names_row > 1:
+        table = table.leaving_out("above", names_row=names_row)
     if breaks:
         again = ", ".join(str(begin + dropped) for begin, dropped in breaks[:5])
-        notes.append(_left_out(part="names", rows=again))
-    table = Table(header, columns, row, notes=tuple(notes))
+        table = table.leaving_out("names", rows=again)
     return _without_headings(_within_the_names(_records_of_layers(table)))
-
-
-def _left_out(**values: Any) -> Notice:
-    return Notice("columns.left-out", values)
 
 
 def _within_the_names(table: Table) -> Table:
@@ -107,7 +104,7 @@ def _within_the_names(table: Table) -> Table:
     where, names = f"row {table.row[wide[0]]}", len(header.names)
     if len(wide) > 0.5 * len(table.row):
         if _fits(named, columns) and not _fits(named, [*columns[1:], beyond]):
-            return replace(table, notes=(*table.notes, _left_out(part="cells", names=names)))
+            return table.leaving_out("cells", names=names)
         raise InputError(
             f"{where}: the rows have more cells than the {names} names in row {table.names_row}, "
             "and it is not clear which cell has no name; add the missing name there."
@@ -251,8 +248,8 @@ def _kept(table: Table, is_left_out: Bool[np.ndarray, "lines"], part: str) -> Ta
     """The table without some lines, and a note of them."""
     kept = pl.Series(~is_left_out)
     columns = tuple(column.filter(kept) for column in table.columns)
-    notes = (*table.notes, _left_out(part=part, rows=is_left_out.sum()))
-    return replace(table, columns=columns, row=table.row[~is_left_out], notes=notes)
+    left = replace(table, columns=columns, row=table.row[~is_left_out])
+    return left.leaving_out(part, rows=is_left_out.sum())
 
 
 def _records_of_layers(table: Table) -> Table:

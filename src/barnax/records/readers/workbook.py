@@ -15,7 +15,6 @@ import numpy as np
 import polars as pl
 
 from ...errors import InputError, cut, listed
-from ...notices import Notice
 from ..cell_values import numbers
 from ..columns import Header
 from ..quantities import NEEDED
@@ -149,22 +148,16 @@ def _joined(bodies: dict[str, pl.DataFrame], names: _Names, ignored: list[str]) 
         cells = (body.to_series(clock.index).head(1) for _, body in filled)
         starts = [float(numbers(first, clock)[0]) for first in cells]
         filled = [filled[index] for index in np.argsort(starts, kind="stable")]
-    notes = []
-    if ignored:
-        sheets = f"sheet{'s' if len(ignored) > 1 else ''} {listed(ignored)}"
-        notes.append(Notice("columns.left-out", {"part": "sheets", "sheets": sheets}))
-    if names.above:
-        above = {"part": "above", "names_row": names.above + 1}
-        notes.append(Notice("columns.left-out", above))
-    if not filled:
-        empty = (pl.Series([], dtype=pl.String),) * len(header.names)
-        return Table(header, empty, np.arange(0), notes=tuple(notes))
-    tables = []
+    tables = [Table(header, (pl.Series([], dtype=pl.String),) * len(header.names), np.arange(0))]
     for name, body in filled:
         columns = tuple(body.to_series(k) for k in range(len(header.names)))
         rows = np.arange(body.height) + names.body + 1
-        tables.append(Table(header, columns, rows, ((name, body.height),), tuple(notes)))
-    return Table.stacked(tables)
+        tables.append(Table(header, columns, rows, ((name, body.height),)))
+    table = Table.stacked(tables[1:] or tables)
+    if ignored:
+        sheets = f"sheet{'s' if len(ignored) > 1 else ''} {listed(ignored)}"
+        table = table.leaving_out("sheets", sheets=sheets)
+    return table.leaving_out("above", names_row=names.above + 1) if names.above else table
 
 
 WORKBOOK = Reader("spreadsheet workbook", _recognizes, _read)

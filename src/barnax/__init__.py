@@ -1,7 +1,7 @@
-"""Identify lithium-ion equivalent-circuit parameters, and know how good the answer is.
+"""Identification of lithium-ion equivalent-circuit parameters, with an assessment of the answer.
 
-Names are imported on first use: importing barnax loads no JAX, sets nothing and touches no
-device. The public names are listed in `__init__.pyi`.
+Names are imported on first use: importing barnax loads no JAX, sets nothing and touches no device.
+The public names are listed in `__init__.pyi`.
 """
 
 import lazy_loader

@@ -15,11 +15,12 @@ READING = {"check", "optimizers", "show", "validate"}
 
 
 def _stop(*_: object) -> None:
-    """End the process where it is: what loads or calls back may break by an exception, or drop it.
+    """End the process immediately: code that loads or calls back may fail on an exception, or drop
+    it.
 
-    Files in the making hold the signal back (`undisturbed`).
+    Unfinished files hold the signal back (`undisturbed`).
     """
-    # One end is enough: another signal, or a pending one, is not answered.
+    # Once is enough: another signal, or a pending one, is ignored.
     for number in SIGNALS:
         signal.signal(number, lambda *_: None)
     kept = "; earlier results are as they were"
@@ -27,21 +28,21 @@ def _stop(*_: object) -> None:
         kept = "; the finished cells are kept, and the same command continues"
     elif {*sys.argv[1:2]} <= READING:
         kept = ""
-    # A progress bar stands in the line, and hides the cursor.
+    # A progress bar occupies the line, and hides the cursor.
     cleared = "\r\x1b[2K\x1b[?25h" if os.isatty(2) else ""
     with suppress(OSError):
-        # Not by sys.stderr: the signal may have come in the middle of a write to it.
+        # Not via sys.stderr: the signal may have come in the middle of a write to it.
         os.write(2, f"{cleared}interrupted{kept}\n".encode())
     os._exit(INTERRUPTED)
 
 
 def main() -> None:
     """The command `barnax`."""
-    # A polite end from outside is the same as Ctrl-C. Before all that takes time to load.
+    # SIGTERM is the same as Ctrl-C. Set before anything that takes time to load.
     for number in SIGNALS:
         signal.signal(number, _stop)
-    # Modules are many objects and no garbage: looking through them for some, at Python's usual
-    # intervals and once more at the end, took a tenth of `barnax identify` on short records.
+    # Modules are many objects and no garbage: scanning them at Python's usual intervals and once
+    # more at the end took a tenth of `barnax identify` on short records.
     gc.set_threshold(500_000, 20, 20)
     atexit.register(gc.freeze)
     from .devices import ONE_POOL, prefer_cpu, set_malloc
@@ -64,11 +65,11 @@ def _run() -> None:
         _complain(as_flags(str(problem)))
         sys.exit(BAD_INPUT)
     except OSError as problem:
-        # A full disk behind stdout, or a reader that has gone: what was written is written.
+        # A full disk behind stdout, or a reader that has gone: files already written are kept.
         _complain(f"output could not be written ({problem.strerror or problem})")
         os._exit(BAD_INPUT)
     finally:
-        # All is said and done.
+        # All work is done.
         for number in SIGNALS:
             signal.signal(number, signal.SIG_IGN)
 

@@ -6,20 +6,20 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
-# Loaded before threads are counted: what is loaded later would not be seen.
+# Loaded before threads are counted: a library loaded later would be missed.
 import scipy.linalg  # noqa: F401
 import threadpoolctl
 from threadpoolctl import ThreadpoolController
 
 
 class _Libraries(NamedTuple):
-    """One number of threads for the process, or one for every thread of Python."""
+    """The number of threads, either for the process or separately for every thread of Python."""
 
     per_process: ThreadpoolController
     per_thread: ThreadpoolController
 
 
-# What restores the process's number, as often as there are threads inside `one_blas_thread`.
+# Restores the process's number, with one entry per thread inside `one_blas_thread`.
 _INSIDE: list[Any] = []
 _LOCK = threading.Lock()
 
@@ -28,7 +28,7 @@ _LOCK = threading.Lock()
 def one_blas_thread() -> Iterator[None]:
     """A context in which NumPy's and SciPy's linear algebra uses one thread.
 
-    Where the number is the process's, the last to leave of several threads of Python restores it,
+    If the number belongs to the process, the last of several Python threads to leave restores it,
     so that none computes on more.
     """
     libraries = _libraries()
@@ -50,7 +50,7 @@ def one_blas_thread() -> Iterator[None]:
 
 @functools.cache
 def _libraries() -> _Libraries:
-    # Looking for them takes longer than a small problem's algebra.
+    # Searching for them takes longer than a small problem's algebra.
     every = ThreadpoolController().select(user_api="blas")
     paths: dict[bool, list[str]] = {True: [], False: []}
     for one in every.info():
@@ -60,9 +60,9 @@ def _libraries() -> _Libraries:
 
 
 def _take_control() -> None:
-    """Let this thread set OpenBLAS's number of threads, and the next one that wants to.
+    """Allow this thread, and any later one, to set OpenBLAS's number of threads.
 
-    Newer versions of threadpoolctl silently ignore all threads but the first that did.
+    Newer versions of threadpoolctl silently ignore all threads except the first that did.
     """
     controller: Any = getattr(threadpoolctl, "OpenBLASController", None)
     if hasattr(controller, "clear_controlling_thread"):

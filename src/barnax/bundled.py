@@ -1,7 +1,7 @@
-"""The virtual cells that ship with barnax: where their Parquet files lie.
+"""Paths of the virtual cells that ship with barnax, as Parquet files.
 
-The files are simulated, not measured; `data/virtual_cell/README.md` tells how. An installed wheel
-carries them beside this module, an editable install reads them from the repository.
+The files are simulated, not measured, as `data/virtual_cell/README.md` describes. An installed
+wheel contains them beside this module, an editable install reads them from the repository.
 """
 
 from pathlib import Path
@@ -11,7 +11,7 @@ from .errors import InputError
 
 BUNDLED_NAMES: Final = ("identification", "validation", "ocv_charge", "ocv_discharge")
 HPPC_NAMES: Final = ("hppc_10degC", "hppc_25degC", "hppc_40degC")
-# The same four of a cell of lithium iron phosphate, with strong hysteresis on a flat curve.
+# The same four files for a cell of lithium iron phosphate, with strong hysteresis on a flat curve.
 LFP_NAMES: Final = tuple(f"lfp_{name}" for name in BUNDLED_NAMES)
 CELL_FOLDER: Final = "virtual_cell"
 
@@ -22,7 +22,7 @@ def bundled_file(name: str) -> Path:
     Args:
         name: Its name without the suffix: one of `BUNDLED_NAMES`, `HPPC_NAMES` and `LFP_NAMES`.
 
-    Raises `InputError` for another name, and where the installation lacks the file.
+    Raises `InputError` for another name, and if the installation lacks the file.
 
     >>> bundled_file("ocv_charge").name
     'ocv_charge.parquet'
@@ -44,7 +44,7 @@ def bundled_file(name: str) -> Path:
 
 @final
 class BundledCell:
-    """The paths of the bundled cell by their role, looked up when asked for.
+    """The paths of the bundled cell by their role, looked up on access.
 
     >>> [path.name for path in BUNDLED.ocv]
     ['ocv_charge.parquet', 'ocv_discharge.parquet']

@@ -1,8 +1,8 @@
-"""Objects as a console or a notebook shows them: a few lines, where all that they hold is pages.
+"""Short representations of objects in a console or a notebook, whose full content is pages.
 
-What a result can do is found on the result, its figures and its report too, which are made in
-layers above it. No module imports from above: the package's `__init__`, over all layers, says in
-`HOOKS` which function is behind which method, and each is imported when it is first called.
+Methods of a result include its figures and its report, which are made in layers above it. No module
+imports from above: the package's `__init__`, over all layers, maps each method to its function in
+`HOOKS`, and each is imported when it is first called.
 """
 
 from collections.abc import Callable, Mapping
@@ -42,7 +42,7 @@ class Brief:
 
 
 def brief(value: object) -> Shown:
-    """Numbers, names and what is short as they are; of all else the kind and size.
+    """Numbers, names and short values in full; for all others the kind and size.
 
     >>> brief(("a", 0.5)), brief((1.0,) * 9), brief(ValueError(200 * "no"))
     (('a', 0.5), <9 items>, ValueError(...))

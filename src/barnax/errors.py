@@ -10,33 +10,32 @@ from itertools import islice
 from typing import Any, Literal, TypeVar, get_args, get_origin
 
 Value = TypeVar("Value")
-# The code of a refusal that has none of its own.
+# The code of a refusal without its own.
 REFUSED = "input.refused"
 
 
 class InputError(ValueError):
     """An input that cannot be used; the message names it and the remedy.
 
-    Raised for files, options and values that come from outside. Options stand in it by their
+    Raised for files, options and values that come from outside. Options appear in it by their
     Python names between backticks, which are used for nothing else. The command line prints the
     message without a traceback and exits with status 2.
 
     `notice` is the `Notice` that a program may act on, or None.
     """
 
-    # What it says, as a `barnax.notices.Notice`.
+    # The refusal as a `barnax.notices.Notice`.
     notice: Any = None
 
     @property
     def code(self) -> str:
-        """The code of its notice, `REFUSED` where it has none."""
+        """The code of its notice, `REFUSED` if it has none."""
         return self.notice.code if self.notice else REFUSED
 
 
 @contextmanager
 def naming(subject: str, spelled: Callable[[str], str] = str) -> Iterator[None]:
-    """Put what a refusal is about before it, such as a file, and its words as they are `spelled`
-    there."""
+    """Prefix a refusal with its subject, such as a file, with words as they are `spelled` there."""
     try:
         yield
     except InputError as refusal:
@@ -47,8 +46,8 @@ def naming(subject: str, spelled: Callable[[str], str] = str) -> Iterator[None]:
 
 
 def attempt(make: Callable[..., Value], *given: Any, **options: Any) -> Value | InputError:
-    """The value of a function, or its refusal as a value: for rules that ask whether something can
-    serve and have another candidate where it cannot.
+    """The value of a function, or its refusal as a value: for rules that test whether a candidate
+    is usable and otherwise try another.
 
     >>> attempt(require_choice, "chemistry", "nca", ("nmc", "lfp"))
     InputError("`chemistry` 'nca' is not known; there are nmc, lfp")
@@ -60,12 +59,13 @@ def attempt(make: Callable[..., Value], *given: Any, **options: Any) -> Value | 
 
 
 def installing(extra: str) -> str:
-    """How the packages of an extra are installed, beside an installed barnax or in a clone."""
+    """The command that installs the packages of an extra, for an installed barnax or in a clone."""
     return f"pip install 'barnax[{extra}]' (in a clone: pip install '.[{extra}]')"
 
 
 def require_number(name: str, value: Any, hint: Any) -> None:
-    """Raise `InputError` if an option of the type `hint` takes a number, and this is none."""
+    """Raise `InputError` if an option of the type `hint` takes a number, and the value is not
+    one."""
     kinds = {*(get_args(hint) or (hint,))} - {type(None)}
     if value is None or not kinds or not kinds <= {int, float}:
         return
@@ -97,7 +97,7 @@ def choices_in(hint: Any) -> tuple[str, ...]:
 
 
 def require_choice(option: str, value: object, choices: Iterable[str | None]) -> None:
-    """Raise `InputError` if an option's value is none of its choices.
+    """Raise `InputError` if an option's value is not one of its choices.
 
     >>> require_choice("chemistry", "nmc", ("nmc", "lfp"))
     """
@@ -109,13 +109,13 @@ def require_choice(option: str, value: object, choices: Iterable[str | None]) ->
 
 # An option in a message, with its value if it has one.
 OPTION = re.compile(r"`([a-z][a-z_]*)(?:=([^`]*))?`")
-# Of names, and of what stands in a cell: longer text is cut before anybody quotes it.
+# Longest name, or content of a cell: longer text is cut before it is quoted.
 LONGEST_NAME = 200
 LONGEST_CELL = 80
 
 
 def cut(text: str, longest: int) -> str:
-    """The text, or its beginning and an ellipsis where it is longer.
+    """The text, or its beginning and an ellipsis if it is longer.
 
     >>> cut("Voltage / V", 80), cut("9" * 100_000, 10)
     ('Voltage / V', '999999 ...')
@@ -124,7 +124,8 @@ def cut(text: str, longest: int) -> str:
 
 
 def printable(text: str) -> str:
-    """The text with U+FFFD for what a terminal obeys rather than shows, and for broken UTF-8.
+    """The text with U+FFFD for characters that a terminal executes rather than displays, and for
+    broken UTF-8.
 
     >>> printable("us06\\x1b[2J.csv")
     'us06\\ufffd[2J.csv'
@@ -134,16 +135,17 @@ def printable(text: str) -> str:
     )
 
 
-# Controls, what turns text around, halves of letters, and ends of lines and paragraphs.
+# Controls, characters that reverse text, halves of letters, and ends of lines and paragraphs.
 _OBEYED = {"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"}
-# What some language, or a spreadsheet at the start of a cell, takes for more than text.
+# Characters that a language, or a spreadsheet at the start of a cell, may interpret as more than
+# text.
 _SPECIAL = re.compile(r"[^\w .,()\[\]~+@-]|^[-+@ ]")
 
 
 def escaped(name: str) -> str:
-    """A name as comments and cells of generated files hold it, in whatever language they are.
+    """A name as written in comments and cells of generated files, in any language.
 
-    Letters, digits and a few marks stay; all else is written as its code.
+    Letters, digits and a few marks stay; all other characters are written as codes.
 
     >>> print(escaped("us06 (25 degC).csv"), escaped("=1*/2"))
     us06 (25 degC).csv \\u003d1\\u002a\\u002f2
@@ -152,12 +154,12 @@ def escaped(name: str) -> str:
 
 
 def reason_of(error: BaseException) -> str:
-    """The first line of what a library says went wrong."""
+    """The first line of a library's error message."""
     return printable(cut(next(iter(str(error).splitlines()), type(error).__name__), 200))
 
 
 def toml_reason(error: BaseException) -> str:
-    """The place where a text is not TOML; a library's words only if it names none.
+    """The position where a text is not valid TOML; a library's words only if it gives none.
 
     >>> toml_reason(ValueError("Invalid value (at line 14, column 8)"))
     'error at line 14, column 8'
@@ -167,7 +169,7 @@ def toml_reason(error: BaseException) -> str:
 
 
 def as_keys(text: str) -> str:
-    """A message with the options that it names as keys of a plan or columns of a manifest.
+    """A message that names options as keys of a plan or columns of a manifest.
 
     >>> as_keys("give `initial_soc=0.9` or `ocv_fit='interpolated'`, not `model`")
     'give initial_soc = 0.9 or ocv_fit = interpolated, not model'
@@ -176,13 +178,13 @@ def as_keys(text: str) -> str:
 
 
 def listed(names: Iterable[str]) -> str:
-    """As many of the names as fit into a message, with commas between them."""
-    # Four hundred letters hold no more names than this.
+    """As many of the names as fit into a message, separated by commas."""
+    # Four hundred characters hold no more names than this.
     return textwrap.shorten(", ".join(islice(names, 200)), 400, placeholder=" ...")
 
 
 def counted(count: int, noun: str) -> str:
-    """A number and its noun, in the plural where it needs one.
+    """A number and its noun, in the plural if needed.
 
     >>> counted(1, "row"), counted(3, "row")
     ('1 row', '3 rows')

@@ -1,6 +1,6 @@
-"""Execution of the numerics: in float64, compiled once for a shape, in blocks on all cores.
+"""Execution of the numerics: in float64, compiled once per shape, in blocks on all cores.
 
-JAX is loaded by what runs: results are read and shown without it.
+JAX is loaded only by functions that run it: results are read and shown without it.
 """
 
 import functools
@@ -23,14 +23,14 @@ Watch = Callable[..., AbstractContextManager[Callable[[int], None]]]
 
 
 def unwatched(title: str, total: int = 0) -> AbstractContextManager[Callable[[int], None]]:
-    """Watch nothing."""
+    """A watch that does nothing."""
     del title, total
     return nullcontext(lambda gained: None)
 
 
 def in_float64(function: Callable[P, R]) -> Callable[P, R]:
     """`function`, run with JAX in float64 and linear algebra on one thread whatever the caller's
-    settings, which stay as they were: a library's several threads would change the last bits."""
+    settings, which are restored: a library's several threads would change the last bits."""
 
     @functools.wraps(function)
     def scoped(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -46,7 +46,7 @@ def as_input(values: Any) -> Any:
     """Values as a NumPy array, the form in which a compiled program takes its arguments.
 
     A call takes all its arguments at once. Putting them on the device one by one took a tenth of a
-    small problem's time, and `jnp.asarray` compiles a program for every shape it meets.
+    small problem's time, and `jnp.asarray` compiles a program for every new shape.
     """
     return np.asarray(values)
 
@@ -54,11 +54,11 @@ def as_input(values: Any) -> Any:
 Given = TypeVar("Given")
 Outcome = TypeVar("Outcome")
 
-# Runs go in blocks of one fixed shape, so a seed's bits do not depend on how many run beside it.
+# Runs are in blocks of one fixed shape, so a seed's bits do not depend on the number of seeds.
 SEEDS_PER_BLOCK = 8
-# Circuits in a block that are refined or evaluated: mostly there are one or two.
+# Circuits per block of a refinement or evaluation: usually there are one or two.
 CIRCUITS_PER_BLOCK = 4
-# Enough for a comparison of all methods on a few models; the oldest program is let go.
+# Enough for a comparison of all methods on a few models; the oldest program is released.
 PROGRAMS_KEPT = 64
 
 _programs: dict[Any, Any] = {}
@@ -67,10 +67,10 @@ _guard = threading.Lock()
 
 
 def compile_for(function: Callable[..., Outcome], *arguments: Any) -> Callable[..., Outcome]:
-    """The function, compiled for arguments of these shapes, and of these values where they are no
-    arrays, which calls of it cannot change.
+    """The function, compiled for arguments of these shapes, and for the values of those that are
+    not arrays, which calls of it cannot change.
 
-    Asked again for the same ones it gives the same program, without tracing.
+    Another request for the same arguments returns the same program, without tracing.
     """
     import equinox as eqx
     import jax
@@ -119,7 +119,7 @@ def _compile(of_arrays: Callable[..., Any], arrays: Sequence[Any]) -> Any:
     import jax
 
     def compiled() -> Any:
-        # A new function each time: JAX remembers what it traced of one that it knows.
+        # A new function each time: JAX caches the tracing of a function that it knows.
         options: Any = {"compiler_options": _OPTIONS if _in_one_function.get() else None}
         return jax.jit(functools.partial(of_arrays), **options).lower(arrays).compile()
 
@@ -129,7 +129,7 @@ def _compile(of_arrays: Callable[..., Any], arrays: Sequence[Any]) -> Any:
     try:
         return compiled()
     except jax.errors.JaxRuntimeError:
-        # What XLA takes in one function can change with its version.
+        # The programs that XLA can compile as one function may change with its version.
         _in_one_function.set(False)
         return compiled()
     finally:
@@ -138,7 +138,7 @@ def _compile(of_arrays: Callable[..., Any], arrays: Sequence[Any]) -> Any:
 
 # On a CPU, registers as wide as it has: XLA's own limit is 256 bits.
 _OPTIONS = {"xla_cpu_prefer_vector_width": "512"}
-# Whether a program may be asked for in one function, while it is traced; and how XLA is asked.
+# Whether a program may be compiled as one function, while it is traced; and XLA's options for it.
 _in_one_function: ContextVar[bool] = ContextVar("in one function", default=False)
 _ASKED = {"xla_cpu_small_call": "true", "inlineable": "false"}
 
@@ -146,10 +146,10 @@ _ASKED = {"xla_cpu_small_call": "true", "inlineable": "false"}
 def in_one_function(function: Callable[P, R]) -> Callable[P, R]:
     """`function`, compiled as one machine function where `compile_for` compiles for a CPU.
 
-    For a scan whose turns are short. XLA makes some kernels of a turn and starts each of them anew
-    in every turn, which takes longer than what they compute: filters and simulations of a few
-    states take two to six times as long. A turn must not call a library, so it can have neither a
-    product of large matrices nor a decomposition.
+    For a scan with short iterations. XLA splits an iteration into kernels and starts each of them
+    again every time, which takes longer than their computation: filters and simulations of a few
+    states take two to six times as long. An iteration must not call a library, so it can contain
+    neither a product of large matrices nor a decomposition.
     """
 
     @functools.wraps(function)
@@ -165,17 +165,17 @@ def in_one_function(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def seed_blocks(seeds: int, size: int = SEEDS_PER_BLOCK) -> list[list[int]]:
-    """Seed numbers in blocks of one size; the last one is filled up with further seeds."""
+    """Seed numbers in blocks of one size; the last one is padded with further seeds."""
     return [list(range(first, first + size)) for first in range(0, seeds, size)]
 
 
 def wanted_rows(seeds: int, size: int = SEEDS_PER_BLOCK) -> list[int]:
-    """The number of rows of each block that are seeds that were asked for."""
+    """The number of rows of each block that belong to requested seeds."""
     return [min(size, seeds - first) for first in range(0, seeds, size)]
 
 
 class AtOnce(Executor):
-    """Work done as soon as it is given, in the thread that gives it."""
+    """An executor that does work immediately, in the calling thread."""
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future:
         future: Future = Future()
@@ -187,8 +187,8 @@ class AtOnce(Executor):
 
 
 def threads(count: int) -> Executor:
-    """So many threads; none in a process with one core to itself, as a fleet's worker is, which
-    `NPROC` says to XLA too: there they would only take turns."""
+    """An executor with `count` threads; none in a process with a single core, such as a fleet's
+    worker, which XLA also learns from `NPROC`: there they would only alternate."""
     return AtOnce() if os.environ.get("NPROC") == "1" else ThreadPoolExecutor(count)
 
 
@@ -209,7 +209,7 @@ def run_blocks(
                 if progress is not None:
                     progress(waiting[done])
         except BaseException:
-            # An interruption waits for the blocks that run, for nothing can stop them; those still
+            # An interruption waits for running blocks, because nothing can stop them; those still
             # in the queue never start.
             pool.shutdown(cancel_futures=True)
             raise

@@ -1,8 +1,8 @@
-"""Factor files: records kept as what their fits need, as NumPy's `.npz` without objects.
+"""Factor files: records stored as the factors that fits need, as NumPy's `.npz` without objects.
 
 A file holds a JSON header, the columns in use and the rows of every factor, each a trapezoid
 without the zeros below it, and the SHA-256 of these. Nothing in it is code, nothing is compressed,
-and no more memory is taken than the file is long before every size in it has been checked.
+and until every size in it has been checked, no more memory is used than the file's length.
 """
 
 import hashlib
@@ -25,16 +25,16 @@ from .model.reduced import Reduced
 from .over_soc.record_factors import FACTS, Grid, NodeOcv, OcvSource, RecordFactors
 
 VERSION = 2
-# What may be in a file: enough for any record, and little enough to hold.
+# Limits of a file's content: enough for any record, and small enough for memory.
 LARGEST_FILE = 2_000_000_000
 LONGEST_HEADER, MOST_NUMBERS = 100_000_000, 250_000_000
 MOST_RECORDS, MOST_COLUMNS, MOST_NODES, LONGEST_TEXT = 10_000, 4096, 1000, 1000
 _MEMBERS = ("header", "columns", "rows", "sha256")
 _TYPES = dict(zip(_MEMBERS, ("|u1", "<i4", "<f8", "|u1"), strict=True))
 
-# What no cell and no log has: with such numbers a fit would give nonsense, or overflow.
+# Beyond any cell and any log: such numbers would make a fit meaningless, or overflow.
 MOST_AH, MOST_OHM, MOST_S, MOST_V = 1e6, 1e6, 1e10, 1e4
-# What a file that is none of ours makes of reading it.
+# Exceptions raised when reading a file of another kind.
 _BROKEN = (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError)
 _Seconds = Field(ge=0, le=MOST_S, allow_inf_nan=False)
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -55,7 +55,7 @@ class _Part(_Strict):
 
     @property
     def size(self) -> int:
-        """The number of stored values: the rows without what stands below the trapezoid."""
+        """The number of stored values: the rows without the part below the trapezoid."""
         filled = min(self.rows, self.columns)
         return filled * self.columns - filled * (filled - 1) // 2
 
@@ -115,8 +115,8 @@ def _head_of(record: RecordFactors, parts: tuple[_Part, _Part]) -> _Head:
 
 
 def _trapezoid(factor: Float[np.ndarray, "rows columns"]) -> tuple[Int[np.ndarray, "used"], Any]:
-    """The columns in use, those that most rows have no number in first, and their rows: upper
-    trapezoidal, for pivoting has permuted a triangle."""
+    """The columns in use, ordered by the number of leading zeros, and their rows: upper
+    trapezoidal, because pivoting has permuted a triangle."""
     lengths = np.array([np.max(np.flatnonzero(c), initial=-1) for c in factor.T])
     order = np.argsort(lengths, kind="stable")
     order = order[lengths[order] >= 0].astype("<i4")
@@ -134,9 +134,9 @@ def read_factors(path: str | Path) -> list[RecordFactors]:
     """The records of a factor file.
 
     Args:
-        path: A file that a fleet wrote, whoever's; reading it runs nothing.
+        path: A file written by a fleet, from any source; reading it runs nothing.
 
-    Raises `InputError` if it is none, broken, of another version or too large.
+    Raises `InputError` if it is not a factor file, broken, of another version or too large.
     """
     content = fetched(path, LARGEST_FILE)
     try:
@@ -178,7 +178,7 @@ def _parsed(content: bytes) -> list[RecordFactors]:
 
 
 def _members(content: bytes) -> dict[str, np.ndarray]:
-    """The arrays of a file: views of its own bytes, so that no size is believed."""
+    """The arrays of a file: views of its own bytes, so that no stated size is trusted."""
     members = {}
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         infos = archive.infolist()

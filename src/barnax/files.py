@@ -1,9 +1,9 @@
-"""Files that are there whole or not at all, whoever is killed when.
+"""Files that exist whole or not at all, even if a process is killed.
 
-A file is written beside its place under a name of its own, and put there in one step; a folder that
-replaces another in two, between which `restore` goes on. What is left of a killed process is
-`unfinished`: it is told and stays, for nobody else knows whether its process still runs, perhaps on
-another machine.
+A file is written beside its destination under a unique name, and moved there in one step; a folder
+that replaces another takes two steps, between which `restore` recovers. Leftovers of a killed
+process are `unfinished`: they are reported and kept, because it is unknown whether the process
+still runs, perhaps on another machine.
 """
 
 import csv
@@ -27,12 +27,12 @@ try:
 except ImportError:  # Not on Windows.
     fcntl = None
 
-# What ends the name of a file of factors.
+# Suffix of a factor file.
 SUFFIX = ".factors.npz"
 
 
 def csv_text(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Rows under their heads, with commas between.
+    """Rows under their heads, separated by commas.
 
     >>> csv_text(("cell", "R0"), [("A1", 0.02), ("B 2, spare", None)])
     'cell,R0\\nA1,0.02\\n"B 2, spare",\\n'
@@ -43,7 +43,7 @@ def csv_text(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def is_factor_file(path: str | Path) -> bool:
-    """True if a path is named as files of factors are.
+    """True if a path has the suffix of factor files.
 
     >>> is_factor_file("fleet/factors/A1.factors.npz"), is_factor_file("A1.csv")
     (True, False)
@@ -52,7 +52,7 @@ def is_factor_file(path: str | Path) -> bool:
 
 
 def is_address(path: str | Path) -> bool:
-    """True if a path is one of an object store, or another address.
+    """True if a path is in an object store, or at another address.
 
     >>> is_address("s3://bucket/cell.parquet"), is_address("cell.parquet")
     (True, False)
@@ -61,10 +61,10 @@ def is_address(path: str | Path) -> bool:
 
 
 def located(where: str | Path) -> Any:
-    """A path, or what is used like one at an address such as `s3://bucket/folder`.
+    """A path, or its equivalent for an address such as `s3://bucket/folder`.
 
-    Credentials and servers are those of fsspec's own configuration. Nothing is remembered of what
-    lies there, since other machines write there too. Raises `InputError` if no package for such
+    Credentials and servers are those of fsspec's own configuration. Nothing is cached about its
+    content, because other machines write there too. Raises `InputError` if no package for such
     addresses is installed.
     """
     if not is_address(where):
@@ -89,7 +89,7 @@ def located(where: str | Path) -> Any:
 
 def fetched(address: str | Path, most_bytes: int, remedy: str = "") -> bytes:
     """The content of a file, or at an address. Raises `InputError`, with a remedy if there is one,
-    where it cannot be read, or is longer."""
+    if it cannot be read, or is longer."""
     try:
         path = located(address)
         with path.open("rb") as file:
@@ -99,7 +99,7 @@ def fetched(address: str | Path, most_bytes: int, remedy: str = "") -> bytes:
     except InputError:
         raise
     except Exception as problem:
-        # Each store has errors of its own.
+        # Each store has its own kinds of errors.
         reason = None if is_address(address) else getattr(problem, "strerror", None)
         failed = f"{address}: cannot be read ({reason or reason_of(problem)})"
         raise InputError(failed + remedy) from problem
@@ -109,7 +109,7 @@ def fetched(address: str | Path, most_bytes: int, remedy: str = "") -> bytes:
 
 
 def changed_ns(path: Path) -> int:
-    """The time at which a file was written, in ns; 0 where its store does not know."""
+    """The time at which a file was written, in ns; 0 if its store does not know."""
     if isinstance(path, Path):
         return path.stat().st_mtime_ns
     try:
@@ -119,21 +119,21 @@ def changed_ns(path: Path) -> int:
 
 
 def aside(folder: Path) -> Path:
-    """A name in a folder that nothing else has."""
+    """A unique name in a folder."""
     return folder / f".barnax-{uuid.uuid4().hex}"
 
 
 def unfinished(folder: Path) -> list[Path]:
-    """Files that processes that were killed, or still write, have aside in a folder."""
+    """Temporary files in a folder, from processes that were killed or are still writing."""
     paths = sorted(folder.glob(".barnax-*"))
     return [path for path in paths if re.fullmatch(r".barnax-[0-9a-f]{32}", path.name)]
 
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """A block that one process at a time is in, where the system locks folders."""
+    """A block for one process at a time, if the system can lock folders."""
     with ExitStack() as stack:
-        # Some file systems lock nothing, and not every folder can be read.
+        # Some file systems have no locks, and not every folder can be read.
         with suppress(OSError):
             if fcntl is not None:
                 lock = os.open(folder, os.O_RDONLY)
@@ -143,9 +143,9 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def restore(path: Path) -> None:
-    """Put a new result in the place of `path` where a process was killed while it replaced it.
+    """Move a new result to `path` if a process was killed while replacing it.
 
-    What cannot be restored is missing to whoever looks for it.
+    A result that cannot be restored is missing when it is read.
     """
     with suppress(OSError, RuntimeError):
         path = path.resolve()
@@ -153,7 +153,7 @@ def restore(path: Path) -> None:
             path = path.parent
         for left in unfinished(path.parent):
             if (left / "old" / path.name).exists():
-                # A process that still writes ends first.
+                # A process that is still writing finishes first.
                 with locked(path.parent):
                     if not os.path.lexists(path):
                         os.replace(left / "new", path)
@@ -161,9 +161,10 @@ def restore(path: Path) -> None:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[BinaryIO]:
-    """A file to write that takes its place when all is written; else what was there stays.
+    """A file to write that replaces its target when it is complete; otherwise the old content
+    stays.
 
-    An object of a store is there once all of it has arrived, by the store's own promise.
+    A store guarantees that an object appears only once all of it has arrived.
     """
     if not isinstance(path, Path):
         content = io.BytesIO()
@@ -184,7 +185,7 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Put `content` into the file `path`, or leave what was there."""
+    """Put `content` into the file `path`, or keep its old content."""
     # A store has no folders.
     if isinstance(path, Path):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -194,16 +195,16 @@ def write_whole(path: Path, content: bytes) -> None:
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
-    """A block that Ctrl-C and a polite end wait for; a process begun in it never hears Ctrl-C."""
+    """A block that delays Ctrl-C and SIGTERM; a process started in it never receives Ctrl-C."""
     held: list[int] = []
     before = {}
     masks = hasattr(signal, "pthread_sigmask")  # Not on Windows.
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT]) if masks else None
     if threading.current_thread() is threading.main_thread():
         for number in (signal.SIGINT, signal.SIGTERM):
-            # Of what Python did not set it knows no way back.
+            # A handler that Python did not set cannot be restored.
             if signal.getsignal(number) is not None:
-                # Another thread may take what this one blocks.
+                # Another thread may receive a signal that this one blocks.
                 before[number] = signal.signal(number, lambda number, _: held.append(number))
     try:
         yield

@@ -1,5 +1,5 @@
-"""The answer of a run: the circuit of the family that the records support, found, proved and
-assessed, with the constant circuit that the population searches beside it."""
+"""The answer of a run: the circuit of the family that the records support, identified, proved and
+assessed, with the constant circuit from the population search."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -31,15 +31,16 @@ from .search.seeds import Descent, refine, search_seeds
 from .settings import Settings
 from .uncertainty import Assessment, assess, compile_linearization, examine
 
-# A resistance that is off by more than this share is worth a warning, though its interval says so.
+# A resistance that is off by more than this share is worth a warning, even though its interval
+# covers it.
 FAR = 0.05
 
 
 def search_and_assess(
     setup: Setup, optimizer: Any, settings: Settings, trust: str, watch: Watch
 ) -> Result:
-    """The search, and what does not wait for it beside it, as a result with the warnings of its
-    assessment. No failure of either is swallowed."""
+    """The search, and at the same time everything independent of it, as a result with the warnings
+    of its assessment. No failure of either is swallowed."""
     problem, warnings = setup.problem, list[Notice]()
     refinement = None
     with threads(3) as beside:
@@ -92,10 +93,10 @@ def search_and_assess(
 def best_of(
     refinement: Refinement | None, optimum: GlobalOptimum | None
 ) -> Refinement | GlobalOptimum:
-    """The best constant circuit known, by the scan's RMSE: of the refined seeds and the global
-    optimum the better one.
+    """The best constant circuit known, by the scan's RMSE: the better of the refined seeds and the
+    global optimum.
 
-    Where both are the same optimum it is the latter, which no seed has a part in. Raises
+    If both are the same optimum it is the latter, which does not depend on seeds. Raises
     `InputError` if there is neither.
     """
     if optimum is not None and (
@@ -121,18 +122,18 @@ def make_result(
     hold_shift_ohm: float | None = None,
     **more: Any,
 ) -> Result:
-    """A `Result`, which can be stored, of a searched problem; further names are fields of it, such
-    as its candidates and warnings.
+    """A storable `Result` of a searched problem; further arguments are fields of it, such as its
+    candidates and warnings.
 
     Args:
-        problem: The problem that was searched.
+        problem: The searched problem.
         evaluations: The best constant circuit on the records, then the tables, if any.
-        optimum: The global optimum, None if the box is too wide to look for it.
-        refinement: Where Levenberg-Marquardt took the seeds, None without seeds.
+        optimum: The global optimum; None if the box is too wide to search.
+        refinement: The seeds refined by Levenberg-Marquardt; None without seeds.
         tables: Tables over SOC that are the answer.
         assessment: Intervals and diagnostics of the constant circuit.
-        hold_shift_ohm: How much more its R0 would be if a sample's current flowed on its other
-            side, where that is open.
+        hold_shift_ohm: The increase of its R0 if a sample's current flowed on its other side, if
+            that is undetermined.
     """
     best = best_of(refinement, optimum)
     if optimum is not None and refinement is not None:
@@ -190,16 +191,16 @@ def _candidates(setup: Setup, result: Result) -> tuple[Candidate, ...]:
         return (of_constant,)
     crossed = result.fit.cross_validation if fits.over_temperature is None else None
     answer = Candidate.of(result, crossed.tables if crossed else None, True)
-    # Without an OCV test the constant circuit has an OCV that is fitted to the tables.
+    # Without an OCV test the constant circuit uses the OCV fitted with the tables.
     return (answer,) if setup.has_fitted_ocv else (of_constant, answer)
 
 
 def _assessed(
     setup: Setup, tables: TableFits, evaluations: Evaluations, warnings: list[Notice]
 ) -> TableFits:
-    """The tables with their errors by SOC, and with intervals that reach over what else R0 may be:
-    where the sampling of the current is open, with the other one, with a lag, and with a pair in it
-    that the samples would not show."""
+    """The tables with their errors by SOC, and with intervals extended to other possible values of
+    R0: with the other sampling if the sampling of the current is undetermined, with a lag, and with
+    a pair in it that the samples cannot resolve."""
     records = [evaluation.prepared for evaluation in evaluations.identification]
     other, r0_ohm = tables.other_sampling(records), tables.mean_ohm(R0)
     shifts_ohm = [late_ohm - r0_ohm for late_ohm in _late_ohm(setup.problem)]
@@ -220,8 +221,8 @@ def _assessed(
 def _others(
     problem: Problem, circuit: CircuitParameters, other: CircuitParameters | None
 ) -> list[CircuitParameters]:
-    """The constant circuits that are equally possible: with what comes late in R0, with a pair
-    in it that the samples would not show, and with the other sampling."""
+    """The constant circuits that are equally possible: with the late part of the response in R0,
+    with a pair in it that the samples cannot resolve, and with the other sampling."""
     low_ohm, _ = problem.bounds.ranges.get(R0, (circuit.r0, circuit.r0))
     least_ohm = max(least_r0_share(problem.prepared_records) * circuit.r0, low_ohm)
     r0_ohm = [*_late_ohm(problem), min(least_ohm, circuit.r0)]
@@ -233,14 +234,14 @@ def _others(
 
 
 def _late_ohm(problem: Problem) -> list[float]:
-    """R0 with what comes late, of the records that show it."""
+    """R0 with the late part of the response, from the records that have one."""
     answers = (answers_ohm(prepared.record) for prepared in problem.prepared_records)
     return [ohm for ohm in map(late_r0_ohm, answers) if ohm is not None]
 
 
 def _resampled(problem: Problem, circuit: CircuitParameters) -> CircuitParameters | None:
-    """The constant circuit as it would be with the other sampling of the current, to the closed
-    form; None if the sampling is not only assumed."""
+    """The constant circuit under the other sampling of the current, in closed form; None if the
+    sampling is not merely assumed."""
     ohm = circuit.named_ohm
     other = resampling(problem.prepared_records, circuit, ohm)
     if other is None:
@@ -250,12 +251,12 @@ def _resampled(problem: Problem, circuit: CircuitParameters) -> CircuitParameter
 
 
 def optimum_or_none(problem: Problem) -> GlobalOptimum | None:
-    """The global optimum, None if the box is too wide to look for it."""
+    """The global optimum; None if the box is too wide to search."""
     return find_global_optimum(problem) if problem.is_compressible else None
 
 
 def _attempt(part: str, warnings: list[Notice], function: Callable[..., Any], *given: Any) -> Any:
-    """The value of the function; where it fails, a warning: the answer stands without it."""
+    """The value of the function; if it fails, a warning: the answer is valid without it."""
     try:
         return function(*given)
     except (ArithmeticError, ValueError, np.linalg.LinAlgError, RuntimeError) as problem:

@@ -1,4 +1,4 @@
-"""From files to checked records and the cell they show: each file is read once."""
+"""From files to checked records and the cell: each file is read once."""
 
 import itertools
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -29,7 +29,7 @@ from .settings import OVER_TEMPERATURE, Reading, Window
 
 # Records and their temperatures.
 RecordTemperatures = Sequence[tuple[str, float | None]]
-# What a data frame is called, and where another is beside it.
+# The name of a data frame; further ones are numbered.
 FRAME = "data frame"
 _FRAMES = {"OCV test": "OCV data frame", "validation": "validation data frame"}
 
@@ -37,7 +37,7 @@ _FRAMES = {"OCV test": "OCV data frame", "validation": "validation data frame"}
 @dataclass(frozen=True, eq=False)
 class Inputs:
     """Contents of the files: records to identify and to validate on, OCV tests, and the cell; with
-    what was fitted with its OCV where there is no test."""
+    the tables fitted with its OCV if there is no test."""
 
     records: list[Record]
     ocv: list[Record | OcvTable]
@@ -57,7 +57,7 @@ class InputFile:
 
     @classmethod
     def of(cls, source: Any, role: str, reading: Reading) -> Self:
-        """What is in a source, read; a record or table as it is."""
+        """The content of a source, read; a record or table unchanged."""
         if not isinstance(source, Source):
             return cls(role, source)
         read = read_ocv_test if role == "OCV test" else read_record
@@ -70,9 +70,10 @@ class InputFile:
 
 
 def read_inputs(job: Job, fit_ocv: Callable[[Job, list[Record]], Any] | None = None) -> Inputs:
-    """Every record once, with what the checks say of it, and the cell that is given or that the OCV
-    tests show; over temperature those of each by themselves. `fit_ocv` makes the cell of records
-    that have no OCV test; where it is None they are refused."""
+    """Every record once, with the findings of the checks, and the cell that is given or
+    characterized from the OCV tests; over temperature, from the tests at each temperature
+    separately. `fit_ocv` makes the cell of records that have no OCV test; if it is None they are
+    rejected."""
     given = {"OCV test": job.ocv, "identification": job.records, "validation": job.validate}
     given = {role: listed(several) for role, several in given.items()}
     if is_bundled := not given["identification"]:
@@ -92,7 +93,7 @@ def read_inputs(job: Job, fit_ocv: Callable[[Job, list[Record]], Any] | None = N
         )
         require_voltages([*records, *validation])
         _require_different([*records, *validation])
-        # A table has no samples of its own.
+        # A table has no samples.
         _require_different([test for test in tests if isinstance(test, Record)])
     require_records(job.lags_s, {source.name for source in sources})
     with job.watch("Characterizing the cell", 0):
@@ -105,7 +106,7 @@ def read_inputs(job: Job, fit_ocv: Callable[[Job, list[Record]], Any] | None = N
 
 
 def read_files(given: Mapping[str, Sequence[Given]], reading: Reading) -> list[InputFile]:
-    """Every file, frame or record in its role, read once, each under a name of its own."""
+    """Every file, frame or record in its role, read once, each under a unique name."""
     named, called = file_names(itertools.chain(*given.values())), dict[str, int]()
     return [
         InputFile.of(named_source(item, role, named, called, reading), role, reading)
@@ -115,8 +116,8 @@ def read_files(given: Mapping[str, Sequence[Given]], reading: Reading) -> list[I
 
 
 def _characterized(tests: Sequence[Record | OcvTable], job: Job) -> CellModel:
-    """The cell of OCV tests: at each temperature by those of it, over temperature, and where they
-    are not one test together."""
+    """The cell from OCV tests: at each temperature from the tests there, for tables over
+    temperature, and if together they do not form one test."""
     rest_a = window_of(job.window, "").rest_current_a
     options: dict[str, Any] = {"capacity_ah": job.given_ah, "rest_current_a": rest_a}
     options |= job.of_curves
@@ -144,9 +145,9 @@ def warnings_about(
     reading: Reading,
     identified: RecordTemperatures = (),
 ) -> list[Notice]:
-    """Warnings of the checks about the files, by themselves and against each other.
+    """Warnings of the checks about the files, individually and against each other.
 
-    Of what was given nothing is advised again, and what is not simulated is left out.
+    Advice already followed is not repeated, and parts that are not simulated are ignored.
     """
     warnings, kinds, charges = list[Notice](), dict[str, Kind](), set[str]()
     degc: dict[bool, list[tuple[str, float | None]]] = {True: [], False: []}
@@ -155,7 +156,7 @@ def warnings_about(
         if source is None or isinstance(content, OcvTable):
             continue
         is_test = role == "OCV test"
-        # A record's ampere-hours are judged by the capacity that it is simulated with.
+        # A record's ampere-hours are checked against the capacity with which it is simulated.
         limits = window_of(window, source.name)
         record_cell = cell if is_test else cell.at(temperature_of(content, limits))
         record_ah = limits.capacity_ah or capacity_ah
@@ -167,7 +168,7 @@ def warnings_about(
             **reading.of_record(source.name, role),
         )
         if not is_test:
-            # That the OCV test is of another cell may be why the file seems at fault.
+            # An OCV test of another cell may be the reason why the file seems at fault.
             against = compare_with_cell(content, record_cell, record_ah)
             if not limits.is_chosen:
                 raise_first_error(against, check.file)
@@ -177,11 +178,11 @@ def warnings_about(
             kinds[check.file] = check.traits.kind(record_ah, has_test=not cell.ocv_is_fitted)
             if check.traits.kind(record_ah) == "charge":
                 charges.add(check.file)
-        # What has no one temperature has that told.
+        # A record without a single temperature gets a warning.
         if check.traits and not any(finding.check == "temperature" for finding in check.findings):
             degc[is_test].append((check.file, check.traits.temperature_degc))
     require_load(kinds)
-    # A charge beside a record under load is there for the other direction.
+    # A charge with a record under load is there for the other direction.
     warnings = [
         warning
         for warning in warnings
@@ -194,7 +195,7 @@ def warnings_about(
 
 
 def _simulated(source: Source, record: Record, window: Window) -> Source:
-    """The part of a file from the start of the simulation to the last sample that is scored."""
+    """The part of a file from the start of the simulation to the last scored sample."""
     if not window.is_chosen or source.span_s is not None:
         return source
     scored = scored_samples(record, replace(window, score_soc=None), 0, record.time_s)
@@ -203,7 +204,7 @@ def _simulated(source: Source, record: Record, window: Window) -> Source:
 
 
 def with_warnings_in_errors(warnings: Sequence[Notice]) -> AbstractContextManager[None]:
-    """Put what the checks found behind an `InputError`, as it may be its cause."""
+    """Append the findings of the checks to an `InputError`, as they may be its cause."""
     lines = [f"warning: {each}" for each in warnings]
     return naming("", lambda text: "\n".join((text, *lines)))
 
@@ -211,7 +212,7 @@ def with_warnings_in_errors(warnings: Sequence[Notice]) -> AbstractContextManage
 def source_of(
     given: Given, names: Mapping[Path, str], reading: Reading, frame: str = FRAME
 ) -> Source:
-    """A file or a data frame, read once, under the name that results call it."""
+    """A file or a data frame, read once, under its name in results."""
     if isinstance(given, Source):
         return given
     if not isinstance(given, str | Path):
@@ -223,25 +224,25 @@ def source_of(
 def named_source(
     item: Given, role: str, names: Mapping[Path, str], called: dict[str, int], reading: Reading
 ) -> Any:
-    """A file or frame, read once, under a name that no other has; a `Record` or table as it is."""
+    """A file or frame, read once, under a unique name; a `Record` or table unchanged."""
     if isinstance(item, OcvTable):
         return item
     frame = _FRAMES.get(role, FRAME)
     source = item if isinstance(item, Record) else source_of(item, names, reading, frame)
-    # Files have names already; one that is given twice is refused by its name.
+    # Files have names already; one that is given twice is rejected by its name.
     is_named = role == "OCV test" or isinstance(item, str | Path | Source)
     return source if is_named else numbered(source, called)
 
 
 def numbered(source: Any, called: dict[str, int]) -> Any:
-    """A source or record, numbered where `called` has its name: windows go by name, and two of one
-    name would share a start."""
+    """A source or record, numbered if its name is already in `called`: windows are assigned by
+    name, and two records of one name would share a start."""
     count = called[source.name] = called.get(source.name, 0) + 1
     return source if count == 1 else replace(source, name=f"{source.name} {count}")
 
 
 def input_warnings(check: FileCheck, role: str) -> list[Notice]:
-    """Warnings of the checks of a file about the role that it is given."""
+    """Warnings of the checks of a file for its given role."""
     warnings = [
         finding.about(check.file)
         for finding in check.findings
@@ -255,7 +256,7 @@ def input_warnings(check: FileCheck, role: str) -> list[Notice]:
 
 
 def require_records(given: Iterable[str], names: Collection[str]) -> None:
-    """Raise `InputError` if something is given for a record that there is not."""
+    """Raise `InputError` if an option is given for a record that does not exist."""
     unknown = sorted({*given} - {*names, ""})
     if unknown:
         there = f"there are {', '.join(sorted(names))}" if names else "no file is read"
@@ -265,8 +266,9 @@ def require_records(given: Iterable[str], names: Collection[str]) -> None:
 
 
 def windows_of(inputs: Inputs, window: Windows, capacity: float | None) -> dict[str, Window]:
-    """The window of every record. Raises `InputError` if one is for a record there is not."""
-    # Of an OCV test its temperature counts, and nothing else of a window.
+    """The window of every record. Raises `InputError` if one is for a record that does not
+    exist."""
+    # For an OCV test only the temperature of a window counts.
     tests = {test.name for test in inputs.ocv}
     names = {record.name for record in (*inputs.records, *inputs.validation)}
     require_records(windows_by_name(window).keys() - tests, names)
@@ -288,8 +290,8 @@ def name_of(source: Given) -> str:
 
 
 def file_names(paths: Iterable[Any]) -> dict[Path, str]:
-    """The name by which each file is told, with folders where names are shared; of what is no path,
-    none."""
+    """The display name of each file, with folders if names are shared; none for anything other than
+    a path."""
     distinct = {Path(path) for path in paths if isinstance(path, str | Path)}
     names = {path: printable(_shortest_name(path, distinct - {path})) for path in distinct}
     return names | ({STDIN: STDIN_NAME} if STDIN in distinct else {})
@@ -304,14 +306,15 @@ def _shortest_name(path: Path, others: set[Path]) -> str:
 
 
 def require_voltages(records: Sequence[Record]) -> None:
-    """Raise `InputError` for a record of one and the same voltage, which reading warns of."""
+    """Raise `InputError` for a record with a constant voltage, for which reading gives a
+    warning."""
     for record in records:
         doubts = (one for one in record.warnings if one.code == "voltage-unit.constant")
         raise_first_error((doubt.rated("error") for doubt in doubts), record.name)
 
 
 def _require_different(records: Sequence[Record]) -> None:
-    """Raise `InputError` if two records are of the same samples: they would count twice."""
+    """Raise `InputError` if two records have the same samples: they would count twice."""
     contents = [Content(record) for record in records]
     for first, other in itertools.combinations(contents, 2):
         one, record = first.record, other.record

@@ -1,4 +1,4 @@
-"""One request: all that `identify` can be asked for, whoever asks.
+"""One request: all arguments of `identify`, from any caller.
 
 Python's keywords, the command line, a plan, a row of a fleet and `hppc` each make a `Job`.
 """
@@ -23,9 +23,9 @@ from .records import Given, Hold
 from .schema import Unstored
 from .settings import CellSettings, Reading, Scope, Settings, TableOptions
 
-# What a file of a folder serves for.
+# Roles of a file in a folder.
 Use = Literal["identification", "OCV test", "validation", "not used"]
-# What has a window.
+# Roles that have a window.
 SIMULATED: tuple[Use, ...] = ("identification", "validation")
 
 Asked = ParamSpec("Asked")
@@ -45,7 +45,7 @@ class _Signature:
 class Job(TableOptions, CellSettings, Reading, Scope, Settings):
     """A request to `identify`, with the fields of `Settings`, `Reading` and others by name.
 
-    `chosen` has the options that were given, and `ranges` what is in `bounds`, read once.
+    `chosen` has the options that were given, and `ranges` the content of `bounds`, read once.
 
     Args:
         records: Files, `Record`s or data frames to identify on, one or several. None: the bundled
@@ -62,12 +62,12 @@ class Job(TableOptions, CellSettings, Reading, Scope, Settings):
         cell: A known cell, which needs no `ocv`.
         watch: Called with the title of every stage and its number of steps; returns a context
             manager that gives a function to call with the steps done.
-        settings: Several of these options; those given by name replace them.
+        settings: Several of these options in one object; those given by name replace them.
         reading: Likewise for reading files.
         tables: Likewise for tables, with bounds and fixed values of tables alone.
 
-    Raises `TypeError` for an option that there is not, with the nearest one, and `InputError` for a
-    value that is none.
+    Raises `TypeError` for an unknown option, with the nearest one, and `InputError` for an invalid
+    value.
     """
 
     records: Given | Sequence[Given] = field(default=(), kw_only=False)
@@ -105,7 +105,7 @@ class Job(TableOptions, CellSettings, Reading, Scope, Settings):
 
     def __post_init__(self) -> None:
         values = vars(self)
-        # What is given by its name replaces what an object of several holds.
+        # Options given by name replace those of a settings object.
         parts = (Settings, self.settings), (Reading, self.reading), (TableOptions, self.tables)
         for kind, part in parts:
             names = {field.name for field in fields(kind) if part} - values["_chosen"]
@@ -133,8 +133,7 @@ class Job(TableOptions, CellSettings, Reading, Scope, Settings):
 
     @property
     def given_ah(self) -> float | None:
-        """The capacity in Ah that was given for all records, as an option or in the common
-        window."""
+        """The capacity in Ah given for all records, as an option or in the common window."""
         return window_of(self.window, "").capacity_ah if self.capacity is None else self.capacity
 
     def part(self, kind: Callable[..., Value]) -> Value:
@@ -147,7 +146,7 @@ class Job(TableOptions, CellSettings, Reading, Scope, Settings):
 
     @classmethod
     def require_names(cls, options: Mapping[str, Any]) -> None:
-        """Raise `TypeError` for an option that there is not, with the nearest one that there is."""
+        """Raise `TypeError` for an unknown option, with the nearest known one."""
         allowed = [field.name for field in fields(cls)]
         for name in sorted(options.keys() - {*allowed}):
             near = difflib.get_close_matches(name, allowed, 1)
@@ -158,9 +157,9 @@ class Job(TableOptions, CellSettings, Reading, Scope, Settings):
 
 
 def windows_by_name(window: Windows) -> dict[str, Window]:
-    """The windows by the names of records, the common one under none.
+    """The windows by the names of records, the common one under an empty name.
 
-    Raises `InputError` for what is no window.
+    Raises `InputError` for anything other than a window.
     """
     by_name = dict(window) if isinstance(window, Mapping) else {"": window or Window()}
     for one in by_name.values():
@@ -177,16 +176,16 @@ def window_of(window: Windows, name: str) -> Window:
 
 @dataclass(frozen=True, kw_only=True)
 class FileRole:
-    """A file, or a part of one, and what it serves for: in a plan, and as a result keeps it.
+    """A file, or a part of one, with its role: in a plan, and as stored in a result.
 
-    `kind` says what it is: a drive cycle, a pulse test, unreadable and so on, and `plans_soc` that
-    its SOC at the start is the plan's own, and not given. The others are a plan's alone. `window`
-    is that of a simulation, for identification and validation. `span_s` cuts a file that holds
-    several tests, on its own clock. `source` is what was read of the file, if it was, and `sha256`
-    the file's digest, if known; that of a log that was cut into several files, of which `more` are
-    the further ones, holds those of all.
-    `sampling` is the hold of its current that the steps of a designed test show; it is that of all
-    files with the same columns, as one logger's is.
+    `kind` is the kind of file: a drive cycle, a pulse test, unreadable and so on, and `plans_soc`
+    is True if its SOC at the start comes from the plan, and was not given. The others belong to
+    plans only. `window` is that of a simulation, for identification and validation. `span_s` cuts a
+    file that holds several tests, on its own clock. `source` is the content that was read from the
+    file, if any, and `sha256` the file's digest, if known; for a log cut into several files, of
+    which `more` are the further ones, it holds those of all. `sampling` is the hold of its current
+    derived from the steps of a designed test; it applies to all files with the same columns, as
+    they share a logger.
     """
 
     name: str
@@ -216,13 +215,14 @@ class FileRole:
 
 # The options of `identify` with their types.
 OPTIONS: Mapping[str, Any] = get_type_hints(Job)
-# Those that a plan holds: all but data, and what is done while it runs.
+# Options that a plan holds: all except data, and callbacks while it runs.
 _GROUPS = (Settings, Reading, CellSettings, Scope, TableOptions)
 PLANNED = (*(field.name for kind in _GROUPS for field in fields(kind)), "capacity", "bounds", "fix")
 
 
 def require_value(name: str, value: Any) -> None:
-    """Raise `InputError` if an option takes a number or has few values, and this is none."""
+    """Raise `InputError` if an option takes a number or has few values, and the value is not one of
+    them."""
     if name == "model" and value is not None:
         get_circuit(str(value))
         return
@@ -258,13 +258,13 @@ def explained(thing: Any) -> dict[str, str]:
 def takes_options(
     make: Callable[Asked, AnyJob],
 ) -> Callable[[Callable[[AnyJob], Value]], Callable[Asked, Value]]:
-    """Lets a function of a job be called with the job's own options, each with its type."""
+    """Let a function of a job be called with the job's own options, each with its type."""
 
     def decorate(run: Callable[[AnyJob], Value]) -> Callable[Asked, Value]:
         @functools.wraps(run)
         def function(*given: Asked.args, **options: Asked.kwargs) -> Value:
             if given and isinstance(given[0], Job):
-                # Of a job of another kind, what both have.
+                # For a job of another kind, the options that both have.
                 names = inspect.signature(make).parameters
                 chosen = {name: one for name, one in given[0].chosen.items() if name in names}
                 given, options = (), {**chosen, **options}  # pyrefly: ignore

@@ -10,23 +10,23 @@ from pydantic import BeforeValidator, Field
 from scipy.special import stdtrit
 
 Voltage = Float[np.ndarray, "samples"]
-# What errors and numbers of samples can be, where they are read again.
+# Valid errors and numbers of samples when read from a file.
 Volts = Annotated[float, Field(ge=0)]
 Count = Annotated[int, Field(ge=0, lt=2**63)]
-# Of a voltage that stays the same it is minus infinity, for which JSON has null.
+# Minus infinity for a constant voltage; null in JSON.
 Determination = Annotated[
     float,
     Field(allow_inf_nan=True, json_schema_extra={"type": ["number", "null"]}),
     BeforeValidator(lambda value: -np.inf if value is None else value),
 ]
-# Of every interval, and half of one in standard deviations of a normal distribution.
+# Level of every interval, and half of one in standard deviations of a normal distribution.
 CONFIDENCE, NORMAL_95 = 0.95, 1.96
-# Median absolute deviations of a normal distribution in its standard deviation.
+# Standard deviation of a normal distribution over its median absolute deviation.
 TO_SD = 1.4826
 
 
 def t_quantile(freedom: float) -> float:
-    """Half a confidence interval in standard errors, with so many degrees of freedom."""
+    """Half a confidence interval in standard errors, with `freedom` degrees of freedom."""
     return float(stdtrit(freedom, (1 + CONFIDENCE) / 2))
 
 
@@ -38,15 +38,15 @@ class Metrics:
         record: Name of the record.
         rmse_v: Root of the mean squared error.
         r2: One minus the squared error over the squared deviation of the voltage from its mean.
-        r2_paper: The same as printed in Li et al. (2023), Eq. 24, which takes deviations from the
+        r2_paper: The same as printed in Li et al. (2023), Eq. 24, which uses deviations from the
             mean of the *simulated* voltage.
         mape_percent: Mean absolute error, relative to the measured voltage.
         ce_v: Sum of the absolute errors, which grows with the number of samples.
         max_v: The largest error.
         samples: Number of scored samples.
         rmse_above_10_soc_v: RMSE above 10 % SOC.
-        registered_v: RMSE with its start moved to where it is least, of a record to validate on.
-        start_moved_soc: By how much SOC that start is moved.
+        registered_v: RMSE with its start moved to where it is smallest, for a validation record.
+        start_moved_soc: Shift of that start in SOC.
     """
 
     record: str = ""
@@ -63,13 +63,13 @@ class Metrics:
 
     @property
     def above_v(self) -> float | None:
-        """RMSE above 10 % SOC, as other errors have it."""
+        """RMSE above 10 % SOC, under the name used by other errors."""
         return self.rmse_above_10_soc_v
 
 
 def measure(measured_v: Voltage, simulated_v: Voltage, **more: Any) -> Metrics:
-    """All metrics of one simulation that follow from the voltages, and `more` of its fields. Raises
-    `ValueError` if there is nothing to compare.
+    """All metrics of one simulation that can be computed from the voltages, and `more` of its
+    fields. Raises `ValueError` if there is nothing to compare.
 
     >>> import numpy as np
     >>> measure(np.array([3.0, 4.0]), np.array([3.0, 3.9])).max_v
@@ -95,14 +95,14 @@ def measure(measured_v: Voltage, simulated_v: Voltage, **more: Any) -> Metrics:
 
 
 def _mean(voltage_v: Voltage) -> float:
-    # Taken from the first sample on, so that the mean of equal voltages is exactly theirs.
+    # Relative to the first sample, so that the mean of equal voltages is exactly theirs.
     return float(voltage_v[0] + np.mean(voltage_v - voltage_v[0]))
 
 
 def _determination(squares: float, measured_v: Voltage, center_v: float) -> float:
     spread = float(np.sum((measured_v - center_v) ** 2))
     if spread == 0:
-        # A flat record explains nothing: perfect only if it is met exactly.
+        # A constant record explains nothing: perfect only if it is met exactly.
         return 1.0 if squares == 0 else -np.inf
     return 1 - squares / spread
 

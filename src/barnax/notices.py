@@ -1,7 +1,7 @@
-"""Notices: what barnax tells of files, cells and results, as codes with numbers.
+"""Notices: messages of barnax about files, cells and results, as codes with numbers.
 
-A notice is made where something is found. Its sentence is made where somebody reads it, by its
-code, from `notices.toml`: every code with what it means, and its words.
+A notice is created where a condition is detected. Its sentence is formed on reading, by its code,
+from `notices.toml`, which has the meaning and the words of every code.
 """
 
 import tomllib
@@ -17,7 +17,7 @@ from .errors import InputError, counted, listed, printable
 Severity = Literal["error", "warning", "note"]
 Value = float | int | str
 CODES = Path(__file__).with_name("notices.toml")
-# Units of a template that are no base units, and what a value in its base unit is times.
+# Units of a template other than base units, and their factors.
 _SCALES = {"mV": 1e3, "mA": 1e3, "mOhm": 1e3, "mohm": 1e3, "ms": 1e3, "%": 100, "microohm": 1e6}
 
 
@@ -26,9 +26,9 @@ class Kind:
     """A code, and the words of its notices.
 
     `says`, `remedy` and `severity` are templates: `{gap_s:.3g s}` is a number with its unit,
-    `{rows:n row}` a count. Of a value that is a choice, `words` has the text of each, under `none`
-    that of a value which is not given, and under `any` that of any other. A choice may have several
-    texts: `{cause}` and `{cause.remedy}` are both of the value `cause`.
+    `{rows:n row}` a count. For a value that is a choice, `words` has the text of each, under `none`
+    that for a missing value, and under `any` that for any other. A choice may have several texts:
+    `{cause}` and `{cause.remedy}` both belong to the value `cause`.
     """
 
     code: str
@@ -40,12 +40,12 @@ class Kind:
     words: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     def worded(self, template: str, values: Mapping[str, Value]) -> str:
-        """A template filled in."""
+        """A template with the values inserted."""
         return _Words(self.words).vformat(template, (), values)
 
 
 class _Words(Formatter):
-    """The formatter of templates, which knows the words of choices."""
+    """The formatter of templates, with the words of choices."""
 
     def __init__(self, words: Mapping[str, Mapping[str, str]]):
         self.words = words
@@ -75,7 +75,7 @@ class _Words(Formatter):
 
 @cache
 def kinds() -> Mapping[str, Kind]:
-    """Every code that there is, in the order in which the documentation lists them."""
+    """Every code, in the order of the documentation."""
     rooms = tomllib.loads(CODES.read_text(encoding="utf-8"))
     shared = rooms.pop("words")
     by_code: dict[str, Kind] = {}
@@ -97,11 +97,11 @@ class Notice:
 
     Attributes:
         code: One of `barnax.notices.kinds()`.
-        values: Numbers and names, with units in the keys; None is no value.
-        subject: The file, record or parameter that it is about.
-        row: The source row of the first place it was seen, counted as `Record.row` counts.
-        rating: Its severity; where none is given, the usual one of its code.
-        sheet: That row's sheet, where there are several.
+        values: Numbers and names, with units in the keys; None is a missing value.
+        subject: The file, record or parameter concerned.
+        row: Source row of the first occurrence, counted as in `Record.row`.
+        rating: Severity; by default the usual one of its code.
+        sheet: Sheet of that row, if there are several.
 
     >>> sides = Notice("repeats.both-sides", {"changes": 3}, "us06.csv", row=12)
     >>> sides.code, sides.values["changes"], sides.severity
@@ -126,7 +126,7 @@ class Notice:
         object.__setattr__(self, "values", plain)
         object.__setattr__(self, "subject", printable(self.subject))
         object.__setattr__(self, "rating", self.severity)
-        # Fails here, and not where somebody reads it, if its words need a value that is not given.
+        # Fails here, and not on reading, if its words need a missing value.
         str(self)
 
     def __hash__(self) -> int:
@@ -136,7 +136,7 @@ class Notice:
         return f"Notice({self.code!r}, {str(self)!r})"
 
     def __str__(self) -> str:
-        """Subject, place, what, and remedy in one line."""
+        """Subject, position, finding, and remedy in one line."""
         where = "" if self.row is None else f"row {self.row}"
         where += f" of sheet '{self.sheet}'" if self.sheet else ""
         said = "; ".join(filter(None, (self.what, self.remedy)))
@@ -162,7 +162,7 @@ class Notice:
 
     @property
     def check(self) -> str:
-        """The name of the rule that found it."""
+        """The name of the rule behind it."""
         return self.code.partition(".")[0].replace("-", " ")
 
     @property
@@ -172,7 +172,7 @@ class Notice:
 
     @property
     def is_kept(self) -> bool:
-        """True for a note of what was assumed or changed, which the record repeats."""
+        """True for a note about an assumption or a change, which the record repeats."""
         return self.kind.is_kept and not self.counts
 
     def about(self, subject: str) -> Self:
@@ -184,15 +184,15 @@ class Notice:
         return replace(self, rating=severity)
 
     def error(self, end: str = "") -> InputError:
-        """The refusal that says it."""
+        """The refusal with this message."""
         refusal = InputError(f"{self}{end}")
         refusal.notice = self
         return refusal
 
 
 def sentences_of(notices: Iterable[Any]) -> list[str]:
-    """The sentences of notices; one, with all their names, for several files of which they say the
-    same.
+    """The sentences of notices; one sentence, with all their names, for several files with the same
+    finding.
 
     >>> sentences_of([Notice("role.same-record", {"other": "c"}, name) for name in "ab"])[0][:7]
     'a, b: t'
@@ -211,7 +211,7 @@ def sentences_of(notices: Iterable[Any]) -> list[str]:
 
 
 def refusal_of(notices: Iterable[Notice], file: str, end: str = "") -> InputError | None:
-    """The refusal by the first error among the notices of a file, or by all that are about its
+    """The refusal by the first error among the notices of a file, or by all errors about its
     columns, which are named together; None if there is no error."""
     errors = [one.about(file) for one in notices if one.severity == "error"]
     if not errors:
@@ -224,6 +224,6 @@ def refusal_of(notices: Iterable[Notice], file: str, end: str = "") -> InputErro
 
 
 def raise_first_error(notices: Iterable[Notice], file: str) -> None:
-    """Raise the refusal by the errors among the notices of a file, if there are any."""
+    """Raise the refusal for the errors among the notices of a file, if there are any."""
     if (refusal := refusal_of(notices, file, ".")) is not None:
         raise refusal

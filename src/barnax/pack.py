@@ -1,7 +1,8 @@
 """A pack: one current and many cell voltages, every cell from one reduction.
 
-The mean of the cell voltages is identified as a cell is, with its OCV test or without; that gives
-the axis of SOC, the time constants and what resistances follow. The cells are told beside it.
+The mean of the cell voltages is identified like a single cell, with its OCV test or without; this
+gives the axis of SOC, the time constants and the resistance law. The cells are reported relative to
+it.
 """
 
 from collections.abc import Mapping
@@ -28,21 +29,22 @@ from .results import Result
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# So many robust deviations from the median of the cells are odd, where these are enough to tell.
+# A cell this many robust deviations from the median of the cells is an outlier, if there are enough
+# cells.
 ODD, FEWEST = 6.0, 8
-# What odd cells are looked for in.
+# Quantities that are tested for outliers.
 LOOKED_AT = (R0, TOTAL, SHIFT, CAPACITY)
 LAG = "voltage lag [s]"
 
 
 @dataclass(frozen=True)
 class Odd:
-    """A quantity in which a cell is odd.
+    """A quantity in which a cell is an outlier.
 
     Attributes:
-        cell: Its name.
-        quantity: In what it is odd.
-        deviations: How many robust standard deviations it is off the median of the cells.
+        cell: Name of the cell.
+        quantity: The quantity.
+        deviations: Distance from the median of the cells in robust standard deviations.
     """
 
     cell: str
@@ -55,12 +57,12 @@ class Pack(Brief):
     """A pack identified.
 
     Attributes:
-        result: The mean cell's.
+        result: Result for the mean cell.
         fit: Every cell's tables, values and intervals.
-        odd: Cells far from the others, the farthest first.
-        weakest: The cell whose voltage under load at low SOC is the lowest.
+        odd: Outlying cells, the farthest first.
+        weakest: The cell with the lowest voltage under load at low SOC.
         left_out: Cells whose voltages could not be used, each with the reason.
-        beside_v: How far every cell's voltage is above the mean, at the simulated samples.
+        beside_v: Voltage of every cell above the mean, at the simulated samples.
     """
 
     result: Result
@@ -72,11 +74,12 @@ class Pack(Brief):
 
     @property
     def name(self) -> str:
-        """The file's."""
+        """The name of the file."""
         return self.result.name
 
     def rows(self) -> list[dict[str, str | float | None]]:
-        """A row for each cell: its values with the ends of their intervals, and what is odd."""
+        """A row for each cell: its values with the ends of their intervals, and its outlying
+        quantities."""
         rows = []
         for cell in self.fit.cells:
             row: dict[str, str | float | None] = {"cell": cell.name, "RMSE [V]": cell.rmse_v}
@@ -114,11 +117,11 @@ def identify_pack(job: PackJob) -> Pack:
 
     Args:
         records: The file, or a data frame.
-        cells: Names of the columns of cell voltages, as patterns such as "V*"; None finds them.
-        separate_time_constants: Let every cell have time constants of its own; else they have the
-            mean cell's.
+        cells: Names of the columns of cell voltages, as patterns such as "V*"; None detects them.
+        separate_time_constants: Give every cell its own time constants; otherwise all have the mean
+            cell's.
 
-    Raises `InputError` if the columns are not plain, and where `identify` does.
+    Raises `InputError` if the columns are ambiguous, and in the cases of `identify`.
 
     >>> import numpy as np
     >>> import polars as pl
@@ -163,9 +166,9 @@ def identify_pack(job: PackJob) -> Pack:
 
 
 def _spanning(fit: PackFit, prepared: PreparedRecord, tables: TableFits) -> PackFit:
-    """The fit with intervals that reach over what its resistances may also be: with a pair in R0
-    that the samples would not show, and with the other sampling of the current, where that is
-    open, as far for every cell as for the mean one."""
+    """The fit with intervals extended to other possible values of its resistances: with a pair in
+    R0 that the samples cannot resolve, and with the other sampling of the current, if that is
+    undetermined, by the same amounts as for the mean cell."""
     shares, ohm = tables.least_r0_shares([prepared]), tables.named_ohm
     shifts = {R0: [share * tables.mean_ohm(name) for name, share in shares.items()]}
     other = tables.other_sampling([prepared])
@@ -182,7 +185,7 @@ def _spanning(fit: PackFit, prepared: PreparedRecord, tables: TableFits) -> Pack
 
 
 def _with_lags(fit: PackFit, read: PackRecord, scan: Scan) -> PackFit:
-    """The fit with every cell's lag, whose error is in the interval of R0."""
+    """The fit with every cell's lag, whose error is included in the interval of R0."""
     cells, reaches_ohm = [], scan.reach_ohm(read.record)
     lags = np.column_stack([scan.lag_s, NORMAL_95 * scan.error_s, reaches_ohm]).tolist()
     for cell, (lag_s, error_s, ohm) in zip(fit.cells, lags, strict=True):

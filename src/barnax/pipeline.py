@@ -47,8 +47,8 @@ from .run_setup import (
 from .search.evaluate import step_warnings
 from .settings import OVER_TEMPERATURE, Settings, Trust
 
-# The SOC between which a charge counts: on an LFP cell, 1 % that is lost between two testers is
-# worth 100 to 400 mV below 5 % SOC, and a charge stands on the steep end of the OCV above 95 %.
+# The range of SOC in which a charge counts: on an LFP cell, 1 % lost between two testers is 100 to
+# 400 mV below 5 % SOC, and a charge stays on the steep end of the OCV above 95 %.
 BETWEEN_ENDS = (0.03, 0.95)
 
 
@@ -56,7 +56,7 @@ BETWEEN_ENDS = (0.03, 0.95)
 def identify(job: Job) -> Result:
     """The circuit of a cell, identified, proved, assessed and validated.
 
-    A `Job` has all of these options, and can be given in their place.
+    A `Job` has all of these options, and can be given instead of them.
 
     Args:
         records: Files, `Record`s or data frames to identify on, one or several. None: the bundled
@@ -76,7 +76,7 @@ def identify(job: Job) -> Result:
     result = _identified(planned(plan, job), plan.warnings)
     cell, reason = result.cell, plan.reasons.get("capacity", GIVEN)
     if reason != GIVEN and not cell.ocv_is_fitted:
-        # Who reads the result gave none: the plan did.
+        # The user gave no capacity: the plan did.
         cell = replace(cell, capacity_origin=reason)
     return result.model_copy(update={"plan": plan.stored, "cell": cell})
 
@@ -105,14 +105,14 @@ def _identified(job: Job, of_plan: Sequence[Notice] = ()) -> Result:
 
 
 def with_ocv_test(job: Job, inputs: Inputs) -> tuple[Inputs, dict[str, Window], Problem]:
-    """The inputs, windows and constant problem of records with an OCV test, which tells starts and
-    capacities; where it does not, the voltages with the circuit do."""
+    """The inputs, windows and constant problem of records with an OCV test, which determines starts
+    and capacities; where it does not, the voltages with the circuit do."""
     windows = windows_of(inputs, job.window, job.capacity)
     circuit = first_circuit(inputs, job)
     given = problem_of(inputs, windows, job, circuit)
     records, between = _between_ends(given.cell, given.prepared_records)
     if given.is_compressible:
-        # A box too wide to reduce records for is searched, not fitted to.
+        # If the box is too wide to reduce records for, it is searched, but starts are not fitted.
         records = register_all(job, records)
     moved = windows | {one.record.name: one.window for one in records}
     inputs = _as_counted(inputs, windows, moved)
@@ -128,7 +128,7 @@ def _with_fitted_ocv(
     job: Job, inputs: Inputs, is_last: bool = False
 ) -> tuple[Inputs, dict[str, Window], Problem]:
     """The inputs, windows and constant problem of records whose OCV was fitted with their tables:
-    once more where it was fitted with another sampling of the current than their voltages show."""
+    repeated if it was fitted with another sampling of the current than the voltages support."""
     given = {**windows_by_name(job.window), **inputs.fitted_ocv.windows}
     windows = windows_of(inputs, given, job.capacity)
     circuit = first_circuit(inputs, job)
@@ -137,7 +137,7 @@ def _with_fitted_ocv(
     pairs = zip(inputs.records, sampled.records, strict=True)
     if is_last or all(before.hold.value == after.hold.value for before, after in pairs):
         return sampled, windows, first
-    # The capacity stays that of the first fit.
+    # The capacity is kept from the first fit.
     cell = inputs.cell
     fitted = fit_ocv(job.changed(capacity=cell.capacity_ah), sampled.records)
     cell = replace(fitted.cell, capacity_origin=cell.capacity_origin)
@@ -154,15 +154,14 @@ def _as_sampled(inputs: Inputs, problem: Problem) -> Inputs:
 def _between_ends(
     cell: CellModel, records: Sequence[PreparedRecord]
 ) -> tuple[list[PreparedRecord], list[Notice]]:
-    """The records, of which a charge beside a record under load, on a flat OCV, does not count at
-    the ends that it reaches unless samples are chosen; each is told. The drive would be fitted
-    worse for them."""
+    """The records, with the ends of charges on a flat OCV unscored if there is also a record under
+    load, unless samples are chosen; each has a notice. The drive would fit worse with them."""
     counted, notices = list(records), list[Notice]()
     under_load = [prepared for prepared in records if cell.has_flat_ocv and is_loaded(prepared)]
     for index, prepared in enumerate(records if under_load else ()):
         window, soc = prepared.window, prepared.soc[prepared.scored]
         are_chosen = window.score_steps, window.score_soc, window.score_from_s, window.score_to_s
-        # Most of what it moves must be charged, and lie between the ends.
+        # Most of the charge must be charged, and lie between the ends.
         least_soc = float(np.ptp(soc)) / 2
         is_charge = prepared not in under_load and soc[-1] - soc[0] > least_soc
         low, high = BETWEEN_ENDS
@@ -179,8 +178,8 @@ def _between_ends(
 def _as_counted(
     inputs: Inputs, given: Mapping[str, Window], windows: Mapping[str, Window]
 ) -> Inputs:
-    """The inputs whose cell has the capacity that its OCV test tells of all records identified on:
-    testers of one cell count some percent apart, and records are mostly of one of them."""
+    """The inputs with the capacity of the cell that the OCV test gives for all records identified
+    on: testers of one cell count some percent apart, and records are mostly from one of them."""
     names = [record.name for record in inputs.records]
     registrations = [windows[name].registration for name in names]
     by_test = [level.origin for level in registrations if level and level.origin.by == "OCV test"]
@@ -204,22 +203,22 @@ def _as_counted(
 
 @takes_options(Job)
 def hppc(job: Job) -> Result:
-    """Tables over SOC from one or several pulse tests, and the resistances of every pulse.
+    """Tables over SOC from one or more pulse tests, and the resistances of every pulse.
 
-    All other options are those of `identify`. Pulses and rests are found in the records. Tests at
-    several temperatures give tables for each temperature.
+    All other options are those of `identify`. Pulses and rests are detected in the records. Tests
+    at several temperatures give tables for each temperature.
 
     Args:
         records: Pulse tests: files, `Record`s or data frames. None: that of the bundled cell at 25
             degC, validated on its drive cycle.
-        ocv: The OCV test. Without one, the rests of the pulse test are the OCV, interpolated; of
-            several tests at one temperature, those of the first.
+        ocv: The OCV test. Without one, the OCV is interpolated between the rests of the pulse test;
+            for several tests at one temperature, those of the first.
         validate: Files, records or data frames to validate on.
-        window: The part of a record that is simulated; by default from the end of the rest before
-            the first pulse.
+        window: The simulated part of a record; by default from the end of the rest before the first
+            pulse.
         capacity: Capacity of the cell in Ah; by default the charge between the ends of the test.
 
-    Raises `InputError` if a record has no pulses, and where `identify` does.
+    Raises `InputError` if a record has no pulses, and in the cases of `identify`.
     """
     return _identified(planned(plan_given(job, "hppc"), job))
 
@@ -227,11 +226,11 @@ def hppc(job: Job) -> Result:
 def identify_problem(
     problem: Problem, settings: Settings | None = None, *, trust: Trust = "basic"
 ) -> Result:
-    """`identify` for a problem that is set up already.
+    """`identify` for an existing problem.
 
     Args:
         problem: A problem from `make_problem`.
-        settings: How to search; None runs no seeds, and the answer is the global optimum.
+        settings: Search settings; None runs no seeds, and the answer is the global optimum.
         trust: How closely to examine the answer, as in `identify`.
     """
     settings = settings or Settings(seeds=0)
@@ -243,7 +242,7 @@ def identify_problem(
 
 
 def _with_warnings(result: Result, problem: Problem, inputs: Inputs | None = None) -> Result:
-    """The result with every warning once, in the order of the flow; its own are those of its
+    """The result with every warning once, in the order of the flow, including those of its
     assessment."""
     identified, of_constant = result.evaluations.identification, result.without_tables().evaluations
     of_tests = [one for test in inputs.ocv for one in test.warnings] if inputs else []
@@ -273,18 +272,18 @@ def _with_warnings(result: Result, problem: Problem, inputs: Inputs | None = Non
 
 
 def _without_contradicted(result: Result, warnings: Sequence[Notice]) -> list[Notice]:
-    """The warnings without those that another one, or the answer, contradicts."""
-    # Its file says so already, with rows and voltages.
+    """The warnings without those contradicted by another one, or by the answer."""
+    # A warning on its file already gives rows and voltages.
     closed = {one.subject for one in warnings if one.code == "closure.open"}
     kept = [one for one in warnings if one.code != "ocv-test.open" or one.subject not in closed]
     names = {part.name for part in result.of_role("identification")}
     is_test_right = all(one.code != "ocv-test.disagrees" for one in kept)
     if are_unfit(names, kept, by_steps=True):
-        # Too few steps of current tell no OCV from slow resistances: the test is not to blame.
+        # Too few current steps cannot separate OCV from slow resistances: the test is not at fault.
         kept = [one for one in kept if one.code != "ocv-test.disagrees"]
     is_by_test = is_test_right and not result.cell.ocv_is_fitted
     if is_by_test and _half_width(result) <= MAX_HALF_WIDTH:
-        # What an OCV test lets the fit tell, the steps by themselves need not.
+        # A fit with an OCV test may determine what the steps alone do not.
         kept = [
             one for one in kept if not (one.code == "role.unfit" and "half_width" in one.values)
         ]
@@ -292,8 +291,8 @@ def _without_contradicted(result: Result, warnings: Sequence[Notice]) -> list[No
 
 
 def _half_width(result: Result) -> float:
-    """The median half-width of the answer's intervals of R0, as a share of it; infinite where most
-    are open."""
+    """The median half-width of the answer's intervals of R0, as a share of it; infinite if most are
+    open."""
     intervals = [one for fit in result.fits for one in fit.intervals if one.name == R0]
     halves = [
         (one.high - one.low) / (2 * one.value)

@@ -1,13 +1,13 @@
-"""Compiled programs of a command, kept as executables from run to run.
+"""Compiled programs of a command, kept as executables between runs.
 
-JAX's own cache spares a warm run compiling, but not tracing and lowering, a fifth of the time of
-`barnax identify`. So what XLA has made is kept in a file, whose name is a hash of all that it was
-made from: the source, versions, the processor, settings, the function, the shapes of its arrays and
-all other values. What that is can be said only in a process that barnax's command began, in which
-nothing else has run; any other has JAX's own cache alone.
+JAX's own cache saves a warm run from compiling, but not from tracing and lowering, a fifth of the
+time of `barnax identify`. So XLA's output is kept in a file, whose name is a hash of all its
+inputs: the source, versions, the processor, settings, the function, the shapes of its arrays and
+all other values. These can be stated only in a process that barnax's command began, in which
+nothing else has run; any other uses JAX's own cache alone.
 
-To load a program is to run what is in its file, so files and folder must be this user's, and nobody
-else's to write.
+To load a program is to run the content of its file, so files and folder must belong to this user,
+and be writable by nobody else.
 """
 
 import functools
@@ -33,12 +33,12 @@ MOST_BYTES = 256 * 2**20
 TRACED = (
     "equinox", "jax", "jaxlib", "lineax", "ml_dtypes", "numpy", "opt_einsum", "optimistix"
 )  # fmt: skip
-# What a process has of barnax when its command begins.
+# Modules of barnax that a process has loaded when its command begins.
 BEGUN = {f"barnax.{name}" for name in ("__main__", "devices", "display", "programs")}
-# Variables that change what is traced; and those by which XLA compiles otherwise, some from files:
-# with one of these nothing is kept.
+# Variables that change the traced program; and those that change XLA's compilation, some through
+# files: with one of these nothing is kept.
 VARIABLES, FLAGS = ("EQX_", "JAX_"), ("XLA_", "TF_XLA_", "PJRT_", "NPROC")
-# What says which machine code a processor runs, and which of it compilers choose.
+# Fields that determine which machine code a processor runs, and which of it compilers choose.
 PROCESSOR = re.compile(
     r"^(?:vendor_id|cpu family|model|stepping|flags|CPU \w+|Features)\s*:.*", re.M
 )
@@ -49,8 +49,8 @@ _source: str | None = None
 
 @contextmanager
 def of_command() -> Iterator[None]:
-    """Keep programs meanwhile: in a process that this begins, with nothing loaded that could have
-    been changed since."""
+    """Keep programs in this context: in a process started by the command, in which nothing loaded
+    can have changed since."""
     global _source
     loaded = {name for name in sys.modules if name.startswith("barnax.")}
     is_new = loaded <= BEGUN and not sys.modules.keys() & {*TRACED} and sys.gettrace() is None
@@ -63,7 +63,7 @@ def of_command() -> Iterator[None]:
 
 
 def _hash_source() -> str:
-    """A hash of barnax's source on the disk, and of the files of what it traces by their sizes and
+    """A hash of barnax's source on the disk, and of the files of traced packages by their sizes and
     times."""
     digest, package = hashlib.sha256(), Path(__file__).parent
     for path in sorted(package.rglob("*.py*")):
@@ -78,7 +78,7 @@ def _hash_source() -> str:
 
 
 def _files_of(folder: str) -> Iterator[tuple[str, int, int]]:
-    """Every file of Python or machine code below a folder, its size and when it was written."""
+    """Every file of Python or machine code below a folder, its size and its time of change."""
     with os.scandir(folder) as entries:
         for entry in entries:
             if entry.is_dir():
@@ -91,17 +91,18 @@ def _files_of(folder: str) -> Iterator[tuple[str, int, int]]:
 def kept(
     function: Callable[..., Any], arguments: Sequence[Any], compile_as: Callable[[str], Any]
 ) -> Any:
-    """A function's program for arguments of these shapes and other values, kept or compiled; what
-    `compile_as` is given ends the name that JAX knows it by."""
+    """A function's program for arguments of these shapes and other values, kept or compiled; the
+    argument of `compile_as` is a suffix of the name under which JAX knows it."""
     path, program = None, None
-    # Of a JAX that has other settings nothing is kept.
+    # With a JAX that has other settings nothing is kept.
     with suppress(AttributeError, OSError):
         path = _path_of(function, arguments)
     content = b"" if path is None else _read(path)
     if content:
         program = _loaded(content)
     elif content is None and path is not None:
-        # What JAX read from its own cache it would write in part, so that must not have this one.
+        # A program that JAX read from its own cache would be written incompletely, so it must not
+        # find this one there.
         ending = uuid.uuid4().hex
         program = compile_as(ending)
         _write(path, _content_of(program))
@@ -109,7 +110,7 @@ def kept(
             with suppress(OSError):
                 other.unlink()
     if program is None:
-        # JAX's own cache has what cannot be kept, which is a file without content.
+        # A program that cannot be kept has an empty file, and is in JAX's own cache.
         program = compile_as("")
         if content and path is not None:
             _write(path, b"")
@@ -117,7 +118,7 @@ def kept(
 
 
 def _path_of(function: Callable[..., Any], arguments: Sequence[Any]) -> Path | None:
-    """A program's file; None if none is kept."""
+    """A program's file; None if programs are not kept."""
     import jax
     import jaxlib
 
@@ -136,7 +137,7 @@ def _path_of(function: Callable[..., Any], arguments: Sequence[Any]) -> Path | N
     in_thread = [
         (name, getattr(settings, name, value))
         for name, value in sorted(settings.values.items())
-        # Those of JAX's own cache change while it runs.
+        # The options of JAX's own cache change while it runs.
         if not name.startswith("jax_persistent_cache")
     ]
     versions = sys.version, str(sys.flags), jax.__version__, jaxlib.__version__
@@ -148,7 +149,7 @@ def _path_of(function: Callable[..., Any], arguments: Sequence[Any]) -> Path | N
 
 def _request(function: Callable[..., Any], arguments: Sequence[Any]) -> bytes | None:
     """A function and its arguments, arrays by their shapes, in bytes that differ if they do; None
-    if that is not possible, as for a function within another."""
+    if that is not possible, as for a nested function."""
     import equinox as eqx
     import jax
 
@@ -176,7 +177,7 @@ def _processor() -> list[str]:
 
 @functools.cache
 def _is_ready(folder: Path) -> bool:
-    """True of a folder that programs can be written to, where the processor is described."""
+    """True for a folder to which programs can be written, if the processor is described."""
     with suppress(OSError):
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         is_ours = _is_private(folder.lstat()) and not folder.is_symlink()
@@ -185,7 +186,7 @@ def _is_ready(folder: Path) -> bool:
 
 
 def _is_private(status: os.stat_result) -> bool:
-    """True for what belongs to this user and has no right to write for others."""
+    """True if it belongs to this user and is not writable by others."""
     return status.st_uid == os.geteuid() and not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
 
 
@@ -197,7 +198,7 @@ def _read(path: Path) -> bytes | None:
 
     with suppress(OSError), open(path, "rb", opener=opened) as file:
         if _is_private(os.fstat(file.fileno())):
-            # What is used stays longest.
+            # Recently used programs stay longest.
             os.utime(file.fileno())
             digest, content = file.read(DIGEST_BYTES), file.read()
             return content if digest == _digest(path, content) else None
@@ -205,18 +206,18 @@ def _read(path: Path) -> bytes | None:
 
 
 def _digest(path: Path, content: bytes) -> bytes:
-    """The digest of a program and of what it is made from, which is its file's name."""
+    """The digest of a program and of its inputs, which are its file's name."""
     return hashlib.sha256(path.name.encode() + content).digest()
 
 
 def _loaded(content: bytes) -> Any:
-    """The program of a file; None if JAX does not load it."""
+    """The program in a file; None if JAX does not load it."""
     try:
         import numpy as np
         from jax.experimental import serialize_executable
         from jaxlib import lapack
 
-        # As lowering does: a program that calls LAPACK crashes without.
+        # As lowering does: without it a program that calls LAPACK crashes.
         lapack.prepare_lapack_call("potrf", np.float64)
         return serialize_executable.deserialize_and_load(*pickle.loads(content))
     except Exception:
@@ -224,8 +225,8 @@ def _loaded(content: bytes) -> Any:
 
 
 def _content_of(program: Any) -> bytes:
-    """The content of a program's file; empty where JAX does not write it, as one that has
-    callbacks, or where its values would not be themselves again."""
+    """The content of a program's file; empty if JAX cannot write it, such as one with callbacks, or
+    if its values would not survive."""
     try:
         from jax.experimental import serialize_executable
 
@@ -250,7 +251,7 @@ def _write(path: Path, content: bytes) -> None:
 
 
 def _remove_oldest(folder: Path) -> None:
-    """Delete the programs that were not used for longest, where all are too large."""
+    """Delete the least recently used programs if all together are too large."""
     files = [(path.lstat().st_mtime, path.lstat().st_size, path) for path in folder.iterdir()]
     total = 0
     for _, size, path in sorted(files, reverse=True):

@@ -14,33 +14,34 @@ from .records.samples import STEADY_SHARE, voltage_noise_v
 if TYPE_CHECKING:
     from .model.prepared import PreparedRecord
 
-# After how many seconds of a pulse its resistance is usually told: at once, and as in USABC (1996),
-# the FreedomCAR manuals and ISO 12405-4 (2018).
+# Times in s at which a pulse's resistance is usually reported: at once, and as in USABC (1996), the
+# FreedomCAR manuals and ISO 12405-4 (2018).
 STANDARD_S = (0.0, 2.0, 10.0, 18.0, 30.0)
-# Beside pulses of up to this long, a longer load moves the cell to another SOC. Without them it is
-# a pulse itself, as in a GITT, up to this share of the charge of the record. A rest from here on
-# settles the cell before pulses.
+# In a record with pulses of up to this length, a longer load moves the cell to another SOC. Without
+# them it is itself a pulse, as in a GITT, up to this share of the charge of the record. A rest of
+# at least the last length settles the cell before pulses.
 LONGEST_S, MOST_SHARE, SETTLED_S = 120.0, 0.25, 300.0
-# After so many long rests there must be pulses for a record to be a pulse test.
+# In a pulse test, pulses follow at least this many long rests.
 FEWEST_LEVELS = 3
-# Pulses of less than this share of the largest discharge are no test's.
+# Pulses below this share of the largest discharge do not belong to a test.
 SMALL_SHARE = 0.05
 FEWEST_SAMPLES = 3
 # Neighbors that differ by more than this share belong to two loads, unless the first is a ramp.
 STEP_SHARE, RAMP_S = 0.2, 1.0
-# A tester that has met a limit lets go of the current by more than this share.
+# A tester that has reached a limit reduces the current by more than this share.
 HELD_SHARE = 0.05
 LEVEL_QUANTILE = 0.9
-# How near a sample must lie to a time for the voltage there to be known, in s and as a share, and
-# how late the first one may come.
+# Largest distance of a sample from a time for the voltage there to be known, in s and as a share,
+# and the latest first sample.
 NEAR_S, NEAR_SHARE, AT_ONCE_S = 0.5, 0.2, 1.0
-# The second sample of a pulse adds at most so often what the third does, but for this share of all,
-# this voltage and so many times the noise: where it adds more, the first was caught in the edge.
+# The second sample of a pulse adds at most this multiple of what the third adds, apart from this
+# share of the total, this voltage and this multiple of the noise: if it adds more, the first was
+# taken during the step.
 LASTING, CAUGHT_SHARE, CAUGHT_V, CAUGHT_NOISE = 2.0, 0.03, 1e-3, 8.0
 # A first sample that comes sooner after the rest, as a share of the next interval, shows R0 alone,
-# and what the second adds are fast pairs.
+# and the addition of the second is due to fast pairs.
 SOON = 0.5
-# Currents this near to each other are one rate.
+# Currents within this share of each other are one rate.
 SAME_RATE = 0.1
 Samples = Float[np.ndarray, "samples"]
 
@@ -50,12 +51,12 @@ class Pulse:
     """One pulse out of a rest.
 
     `soc` is the state of charge where it begins, `row` the source row of its first sample,
-    `current_a` its level (discharge positive), `rest_s` how long the cell had rested. `is_limited`
-    says that the tester met a limit and let the current go. `resistance_ohm` is the change of
-    voltage over the change of current after each of `STANDARD_S`, None if the pulse was over or not
+    `current_a` its level (discharge positive), `rest_s` the rest before it. `is_limited` is True if
+    the tester reached a limit and reduced the current. `resistance_ohm` is the change of voltage
+    over the change of current after each of `STANDARD_S`, None if the pulse was over or not
     sampled; the first is that of the first sample under load, `delay_s` after the step, None if the
-    voltage there shows the step only in part, and a pulse's last sample stands for up to 0.5 s
-    after it. As the standards have it, it contains what the OCV moves with the charge of the pulse.
+    voltage there contains only part of the step, and a pulse's last sample is used for up to 0.5 s
+    after it. As in the standards, it includes the change of the OCV due to the charge of the pulse.
     """
 
     record: str
@@ -87,10 +88,9 @@ class _Load(NamedTuple):
 def find_pulses(record: Record, soc: Samples, threshold_a: float) -> tuple[Pulse, ...]:
     """Every pulse of a record, in order of time, whatever its direction and rate.
 
-    A pulse is a load out of a rest, where since a rest of at least 5 min nothing but pulses and
-    rests came; the cell rests below `threshold_a`. It takes up to 2 min (HPPC), or in a record
-    with fewer than three of these moves up to a quarter of its charge (GITT). `soc` is that of
-    every sample.
+    A pulse is a load out of a rest, with only pulses and rests since a rest of at least 5 min; the
+    cell rests below `threshold_a`. It takes up to 2 min (HPPC), or in a record with fewer than
+    three such pulses moves up to a quarter of its charge (GITT). `soc` is that of every sample.
 
     >>> from barnax import bundled_file, read_record
     >>> record = read_record(bundled_file("hppc_25degC"))
@@ -115,7 +115,7 @@ def find_pulses(record: Record, soc: Samples, threshold_a: float) -> tuple[Pulse
 def _out_of_rest(
     loads: Sequence[_Load], may_count: Sequence[bool]
 ) -> Iterator[tuple[_Load, _Load]]:
-    """Each pulse of those loads that may count as one, behind the rest that it comes out of."""
+    """Each pulse among the loads that may count as one, with the rest before it."""
     rest: _Load | None = None
     is_settled = False
     for load, is_pulse in zip(loads, may_count, strict=True):
@@ -129,7 +129,7 @@ def _out_of_rest(
 
 
 def _loads(record: Record, threshold_a: float) -> Iterator[_Load]:
-    """The record as loads and rests; the short ramp of a current belongs to what it leads to."""
+    """The record as loads and rests; a short ramp of the current belongs to the load after it."""
     level_a = np.where(record.segments(threshold_a).is_rested, 0.0, record.current_a)
     way = np.sign(level_a).astype(int)
     largest_a = np.maximum(np.abs(level_a[1:]), np.abs(level_a[:-1]))
@@ -154,11 +154,11 @@ def _pulse(record: Record, soc: Samples, load: _Load, rest: _Load, noise_v: floa
     span = slice(load.first, load.last + 1)
     since_s = record.time_s[span] - load.begin_s
     if record.hold.value == "centered":
-        # A mean's load begins in the middle of the interval before it.
+        # The load of a mean begins in the middle of the interval before it.
         since_s = since_s + record.interval_s[load.first - 1] / 2
     change_a = record.current_a[span] - record.current_a[rest.last]
     drop_v = record.voltage_v[rest.last] - record.voltage_v[span]
-    # One near the highest, for a limit may let most of a pulse go.
+    # A level near the highest, because a limit may reduce most of a pulse.
     reached_a = load.way * np.quantile(np.abs(change_a), LEVEL_QUANTILE, method="nearest")
     is_held = np.abs(change_a / reached_a - 1) <= HELD_SHARE
     start = int(np.argmax(is_held))
@@ -188,7 +188,7 @@ def _pulse(record: Record, soc: Samples, load: _Load, rest: _Load, noise_v: floa
 
 
 def _lasting(since_s: Samples, ratio_ohm: Samples) -> Iterator[float | None]:
-    """The ratio at `STANDARD_S` but the first, linear between samples that lie near enough."""
+    """The ratio at `STANDARD_S` except the first, linear between samples that are close enough."""
     for time_s in STANDARD_S[1:]:
         is_over = since_s[-1] < time_s - NEAR_S
         nearest_s = float(np.abs(since_s - time_s).min())
@@ -199,7 +199,7 @@ def _lasting(since_s: Samples, ratio_ohm: Samples) -> Iterator[float | None]:
 def _is_in_edge(
     interval_s: Float[np.ndarray, "intervals"], drop_v: Samples, noise_v: float
 ) -> bool:
-    """True where the first voltage of a pulse shows its step only in part.
+    """True if the first voltage of a pulse contains only part of its step.
 
     The intervals are those before each of its first three samples.
     """
@@ -212,7 +212,7 @@ def _is_in_edge(
 
 
 def first_pulse(record: Record) -> Pulse | None:
-    """The first pulse of a record, None if there is none; its SOC is not known yet."""
+    """The first pulse of a record, None if there is none; its SOC is not yet set."""
     if record.span_ah == 0:
         return None
     rest_a = record.rest_current_a(record.span_ah)
@@ -220,12 +220,12 @@ def first_pulse(record: Record) -> Pulse | None:
 
 
 def pulses_of(prepared: "PreparedRecord") -> tuple[Pulse, ...]:
-    """The pulses of a record made ready; none unless it is a pulse test.
+    """The pulses of a prepared record; none unless it is a pulse test.
 
     A pulse test has pulses after at least three of its long rests, and not small ones, which a
     drive cycle has by chance.
     """
-    # What prepares records loads JAX, which pulses do without.
+    # The preparation of records loads JAX, which pulses do not need.
     from .model.prepared import soc_along
 
     record, start = prepared.record, prepared.start.soc
@@ -247,7 +247,7 @@ def pulse_samples(record: Record, pulse: Pulse) -> slice:
 
 
 def levels(pulses: Sequence[Pulse]) -> list[tuple[Pulse, ...]]:
-    """The pulses by direction and rate, discharges first and the slower rates before the faster.
+    """The pulses by direction and rate, discharges first and lower rates before higher ones.
 
     >>> levels([])
     []

@@ -1,7 +1,7 @@
 """A stored result on records: those it was identified on, read again, and others.
 
-Records are found by name and known by content. The circuits are those that are stored: nothing is
-searched again, and what they leave of each record has to be what they left then.
+Records are found by name and identified by content. The circuits are the stored ones: nothing is
+searched again, and their errors on each record must be the stored ones.
 """
 
 import re
@@ -29,13 +29,13 @@ from .results import Result
 from .search.evaluate import Evaluation, Evaluations, evaluate_from_either, with_registered
 from .settings import Reading
 
-# Across machines and versions a stored circuit's error agrees this closely, relative.
+# Relative agreement of a stored circuit's error across machines and versions.
 SAME_ERROR = 1e-6
-# A plan of thousands of files has fewer bytes.
+# A plan of thousands of files is smaller than this.
 LARGEST_PLAN = 1_000_000
-# A fingerprint holds times to twelve digits.
+# A fingerprint stores times to twelve digits.
 ROUNDED = 1e-11
-# What was read of a part of a file is named by the file and a number.
+# The name of a part of a file is that of the file with a number.
 PART = re.compile(r"#\d+$")
 
 Data = str | Path | Sequence[str | Path] | Mapping[str, Given]
@@ -43,10 +43,11 @@ Data = str | Path | Sequence[str | Path] | Mapping[str, Given]
 
 @dataclass(frozen=True)
 class StoredInputs:
-    """The inputs of a stored result: given by their names, or looked for in folders, and where the
-    plan beside it says.
+    """The inputs of a stored result: given by their names, or searched in folders and at the
+    locations in the plan beside it.
 
-    Another's plan names folders as it likes: only what has a stored digest is taken from there.
+    A plan from somebody else may name any folder: only files with a stored digest are taken from
+    there.
     """
 
     folders: tuple[Path, ...]
@@ -56,8 +57,8 @@ class StoredInputs:
 
     @classmethod
     def of(cls, path: Path, data: Data = (), reading: Reading | None = None) -> "StoredInputs":
-        """The inputs of the result at `path`, looked for in `data`, its own folder, the one above
-        and the working folder."""
+        """The inputs of the result at `path`, searched in `data`, its own folder, the one above and
+        the working folder."""
         folder = path if path.is_dir() else path.parent
         given = data if isinstance(data, Mapping) else {}
         more = [data] if isinstance(data, str | Path) else () if given else data
@@ -66,19 +67,19 @@ class StoredInputs:
         return cls(unique, folder / "plan.toml", given, reading or Reading())
 
     def find(self, name: str, sha256: str) -> Path | Notice:
-        """The file of that name and content, or why there is none."""
+        """The file with that name and content, or the reason why there is none."""
         return find_file(name, sha256, (*self.folders, *(self._planned if sha256 else ())))
 
     @cached_property
     def _planned(self) -> tuple[Path, ...]:
-        """The folders of the files in the plan; none where it cannot be read."""
-        # A pipe would be waited for, and a device read without end.
+        """The folders of the files in the plan; empty if it cannot be read."""
+        # Reading would wait for a pipe, and never end for a device.
         if not self.plan.is_file() or self.plan.stat().st_size > LARGEST_PLAN:
             return ()
         return folders_in(self.plan)
 
     def read(self, part: InputPart) -> Record:
-        """A record as it was identified on. Raises `InputError` if it is not there any more."""
+        """A record as it was identified on. Raises `InputError` if it no longer exists."""
         given = self.given.get(part.name)
         if given is None:
             # It may be a log of several files.
@@ -112,7 +113,7 @@ class StoredInputs:
 
 
 def loaded(kind: type[Result], path: str | Path, data: Data, reading: Reading) -> Result:
-    """`Result.load`: a stored result that knows where its records are looked for."""
+    """`Result.load`: a stored result with the locations of its records."""
     path = Path(path)
     result = kind.from_json(path / "result.json" if path.is_dir() else path)
     result._inputs = StoredInputs.of(path, data, reading)
@@ -142,8 +143,8 @@ def _evaluations(result: Result, pairs: Sequence[tuple[InputPart, Record]]) -> E
 
 
 def _again(result: Result, part: InputPart, record: Record, stored: Metrics) -> Evaluation:
-    """A stored answer on a record from the direction that was settled, or the other one: constants
-    and tables have each their own."""
+    """A stored answer on a record from the settled direction, or the other one: constants and
+    tables each have their own."""
     window, start = part.window or Window(), part.start
     rmse_v = stored.rmse_v
     for way in (start.direction, -start.direction) if start else (None,):

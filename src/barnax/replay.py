@@ -1,7 +1,7 @@
-"""An identified circuit used as a battery manager would: a record replayed through a filter.
+"""An identified circuit used as in a battery manager: a record replayed through a filter.
 
-The truth is the record's own ampere-hour counter. The filter does not see it: it starts wrong, or
-counts with an offset, or takes a wrong capacity, and has the voltage to notice by.
+The reference is the record's own ampere-hour counter. The filter does not see it: it starts wrong,
+counts with an offset, or assumes a wrong capacity, and has only the voltage to detect this.
 """
 
 from collections.abc import Mapping, Sequence
@@ -45,37 +45,37 @@ from .settings import AutoHold, AutoSign, Reading
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Where the OCV's error is over this SOC, as a standard deviation, the voltage hardly tells the SOC.
+# Where the standard deviation of the SOC due to the OCV's error exceeds this, the voltage hardly
+# determines the SOC.
 FLAT = 0.05
 
 
 class SocReplay(Document):
-    """The contents of `soc.json`: how well a filter tracked the SOC of a record.
+    """The contents of `soc.json`: the accuracy of a filter's SOC on a record.
 
-    A notebook shows a replay as its figure, while it has its `traces`: one read from a file has
-    none.
+    A notebook displays a replay as its figure, if it has `traces`: one read from a file has none.
 
     Attributes:
         schema_version: Version of the schema.
         record: Name of the record.
         sha256: Digest of its file.
         model: The circuit.
-        circuit: The circuit as screens call it, with its tables.
+        circuit: The circuit as displayed, with its tables.
         with_tables: True if tables over SOC were used.
         settings: The filter.
         states: Number of the filter's states.
         samples: Number of samples.
         duration_s: Length of the replay.
-        start: Where the counter starts, and why there.
-        before_s: What the record has before that, which is not replayed.
+        start: Start of the counter, with the reason.
+        before_s: Duration of the record before that, which is not replayed.
         soc_range: Lowest and highest SOC of the counter.
-        flat_soc: Lowest and highest SOC of the counter where the errors of the circuit's OCV are
-            over 5 % SOC, as one standard deviation: the voltage hardly shows the SOC there.
-        flat_share: The share of the samples where they are.
+        flat_soc: Lowest and highest SOC of the counter where one standard deviation of the
+            circuit's OCV is over 5 % SOC: the voltage hardly determines the SOC there.
+        flat_share: Share of the samples in that state.
         scenarios: The filter's errors in every scenario.
         untried: Scenarios whose start is outside the record.
-        innovations: Tests of the innovations from the right start, None if it diverged.
-        warnings: What is doubtful, with what to do.
+        innovations: Tests of the innovations from the right start; None if it diverged.
+        warnings: Doubtful results, each with a remedy.
     """
 
     schema_version: Literal[2] = 2
@@ -125,9 +125,9 @@ class SocReplay(Document):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Traces(Brief):
-    """A replay over time: the counter as the truth, and every scenario's estimate.
+    """A replay over time: the counter as the reference, and every scenario's estimate.
 
-    `counted` is plain counting in each scenario; before one starts there are no numbers.
+    `counted` is plain counting in each scenario; values before its start are not numbers.
     """
 
     time_s: Float[np.ndarray, "samples"]
@@ -157,18 +157,19 @@ def replay_soc(
     Args:
         result: The identified circuit; its assessment gives the filter its noise.
         record: A file, `Record` or data frame.
-        window: The part of the record that is replayed; by default its own if the result is of
-            it, else the one that a plan gives it.
+        window: The replayed part of the record; by default its own if it belongs to the result,
+            else the one in a plan.
         settings: The filter.
-        scenarios: Wrong starts, currents and capacities; by default four cases. The right start
-            is tried first in any case.
+        scenarios: Wrong starts, currents and capacities; by default four cases. The right start is
+            tried first in any case.
         current_sign: The sign of the file's current; "auto" decides from the data.
         current_hold: When a sample's current flows; "auto" decides from the data.
-        voltage_lag: How much older its voltage is than its current, as for `read_record`.
+        voltage_lag: Lag of its voltage behind its current, as for `read_record`.
         columns: Names of columns, as for `read_record`.
-        series: How many cells are in series, as for `read_record`.
+        series: Number of cells in series, as for `read_record`.
 
-    Raises `InputError` if record, window or `settings.estimate` are no use, or without assessment.
+    Raises `InputError` if record, window or `settings.estimate` cannot be used, or without
+    assessment.
     """
     settings = settings or FilterSettings()
     reading = Reading(
@@ -249,7 +250,7 @@ def replay_soc(
 
 
 def _run_all(models: FilterModel, starts: Any, drives: Drive, kind: Kind) -> Filtered:
-    """Every scenario, cell or tuning along the first axis."""
+    """Run every scenario, cell or tuning along the first axis."""
     return jax.vmap(lambda model, start, drive: run_filter(model, start, drive, kind))(
         models, starts, drives
     )

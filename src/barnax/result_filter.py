@@ -1,4 +1,4 @@
-"""A result's circuit as the model of a filter, with the errors that it has on other records."""
+"""A result's circuit as the model of a filter, with its expected errors on other records."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,7 +18,7 @@ from .records import Given, Record, Source
 from .results import Result
 from .settings import Reading
 
-# No tester resolves less, and a measurement without any noise would be believed without limit.
+# No tester resolves less, and a measurement without any noise would be trusted without limit.
 LEAST_NOISE_V = 1e-4
 # Prior standard deviation of a capacity, relative; resistances and times have that of their fit.
 CAPACITY_SD = 0.05
@@ -51,15 +51,15 @@ class FilterSettings:
             raise InputError(f"soc_sd {self.soc_sd:g} must be above 0 and at most 1")
 
 
-# The errors of a circuit on a record that it was not fitted to, as many times the residuals' own
-# size where it was: from sample to sample, lasting for a second at least, and over 100 s.
-# Chosen on two drives of one cell at 0, 25 and 45 degC, each from the other, and one LFP drive
-# (`python -m benchmarks.filters`): half or twice of each keeps RMS and band within a few tenths.
+# The errors of a circuit on a record to which it was not fitted, as multiples of the residuals on
+# its own: from sample to sample, lasting for a second at least, and over 100 s. Chosen on two
+# drives of one cell at 0, 25 and 45 degC, each from the other, and one LFP drive
+# (`benchmarks.filters`): half or twice of each keeps RMS and band within a few tenths.
 WHITE, WHITE_S = 4.0, 1.0
 LASTING, LASTING_S = 3.0, 100.0
 # The share of half the measured gap by which the OCV may be off: that of a circuit without
-# hysteresis moves within the gap, and one measured on a slow sweep is not that of a drive. Of a
-# circuit whose hysteresis no record has turned, nothing tells the rate.
+# hysteresis moves within the gap, and the gap of a slow sweep is not that of a drive. The rate of a
+# hysteresis that no record has turned is undetermined.
 HYSTERESIS, UNTURNED = 0.5, 0.75
 
 
@@ -70,9 +70,9 @@ def window_of(
     reading: Reading,
     chosen: Window | None = None,
 ) -> Window:
-    """The window of a record: the one chosen; else its own, as it was registered, if it is among
-    the result's inputs by its content; else that of a plan for its source. The capacity and the
-    rest current are those of all records of the result where nothing else is given."""
+    """The window of a record: the chosen one; else its own, as registered, if its content is among
+    the result's inputs; else that of a plan for its source. The capacity and the rest current are
+    by default those common to all records of the result."""
     windows = (part.window for part in result.inputs if part.window and part.is_of(record))
     window = chosen or next(windows, None)
     if window is None:
@@ -83,7 +83,7 @@ def window_of(
 def read_for(
     result: Result, given: Given, chosen: Window | None, reading: Reading
 ) -> tuple[Record, Window, list[Notice]]:
-    """A record for a result's circuit, its window, and what the checks have against it."""
+    """A record for a result's circuit, its window, and the warnings of the checks."""
     source = given if isinstance(given, Record) else source_of(given, {}, reading)
     require_records(reading.lags_s, {source.name})
     file = InputFile.of(source, "validation", reading)
@@ -94,12 +94,11 @@ def read_for(
 
 
 def axis_sd_of(result: Result, capacity_ah: float) -> float:
-    """The standard deviation of the SOC that is counted over a capacity, against that of
-    the OCV.
+    """The standard deviation between the SOC counted over a capacity and that of the OCV.
 
-    That is what is called full, and, where the records identified on were registered on the OCV
-    test because their charge contradicts it, what another capacity than theirs makes of it over the
-    whole axis.
+    This is the scatter of the SOC called full and, if the records identified on were registered on
+    the OCV test because their charge contradicts it, the effect of a capacity other than theirs
+    over the whole axis.
     """
     windows = (part.window for part in result.inputs if part.window and part.window.registration)
     off = [abs(capacity_ah / window.capacity_ah - 1) for window in windows if window.capacity_ah]
@@ -112,9 +111,9 @@ def error_model_of(result: Result) -> ErrorModel:
     White and lasting parts are multiples of the residuals in a tenth of SOC. The bias is that of
     the OCV: the standard error and the bias of its correction at a node, which allow for the
     correlation of the residuals, and beyond the visited nodes a walk by its median step from node
-    to node. Residuals would say far less than that, for the correction was fitted to them. A
-    circuit without a correction is off for long by its residuals. What the hysteresis leaves open
-    is added.
+    to node. Residuals alone would underestimate it, because the correction was fitted to them. A
+    circuit without a correction has its residuals as lasting errors. The uncertainty of the
+    hysteresis is added.
 
     Raises `InputError` for a result without an assessment.
     """
@@ -125,7 +124,7 @@ def error_model_of(result: Result) -> ErrorModel:
             "identify again with `trust` 'basic'"
         )
     bands = result.fits.by_soc
-    # Where the fit has seen nothing, its nearest error has to do; a result may have none by SOC.
+    # Outside the range of the fit its nearest error is used; a result may have none by SOC.
     by_soc = {((band.low or 0.0) + (band.high or 1.0)) / 2: band.rmse_v for band in bands}
     by_soc = by_soc or {0.5: result.constant.metrics.identification.rmse_v}
     residual_v = np.interp(GRID, list(by_soc), list(by_soc.values()))
@@ -161,13 +160,13 @@ def error_model_of(result: Result) -> ErrorModel:
 def model_of(
     result: Result, slow: Sequence[str] = (), capacity_ah: float | None = None
 ) -> FilterModel:
-    """The model of a stored result, which counts by another capacity than its cell's where one is
+    """The model of a stored result, which counts with another capacity than its cell's if one is
     given. Call inside float64.
 
     `slow` are the parameters to estimate. The prior deviation of an offset is the current below
-    which the cell counts as resting, of a capacity `CAPACITY_SD`, of the others that of their fit,
-    between 2 and 50 %. Raises `InputError` for one that the circuit does not have, and for a result
-    without an assessment.
+    which the cell counts as resting, that of a capacity `CAPACITY_SD`, and that of the others the
+    one of their fit, between 2 and 50 %. Raises `InputError` for one that the circuit does not
+    have, and for a result without an assessment.
     """
     errors, cell = error_model_of(result), result.cell_at()
     if capacity_ah is not None:

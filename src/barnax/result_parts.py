@@ -1,5 +1,5 @@
-"""The parts of `result.json` that the numerics have no dataclass of: errors, inputs, candidates,
-and the best constant circuit with what was found of it."""
+"""The parts of `result.json` without a dataclass in the numerics: errors, inputs, candidates, and
+the best constant circuit with its assessment."""
 
 import functools
 import sys
@@ -50,7 +50,7 @@ class MetricsBlock(Part):
 
     Attributes:
         identification: Over all samples identified on.
-        jointly: Where these are of several records, on each of them.
+        jointly: Errors on each record, if several were identified on together.
         validation: On each record validated on.
     """
 
@@ -71,18 +71,18 @@ class MetricsBlock(Part):
 
 @dataclass(frozen=True)
 class Candidate:
-    """A circuit with its errors on what it was fitted to, and on what it was not.
+    """A circuit with its errors on fitted records, and on others.
 
     Attributes:
         model: Name of the circuit.
         over: "soc" or "soc,temperature" for tables, "ocv" for one value of each resistance at every
-            SOC beside a table of the OCV, None for a constant circuit.
+            SOC with a table of the OCV, None for a constant circuit.
         identification: Errors on all records identified on together.
         validation_v: RMSE on each record validated on.
-        held_out: Errors on blocks held out of the fit; None if nothing was.
+        held_out: Errors on blocks held out of the fit; None if there were none.
         proved_gap: The largest share of its error that a better circuit of its kind could save;
             None without a proof.
-        is_answer: True for the one that the result is of.
+        is_answer: True for the answer of the result.
     """
 
     model: str
@@ -95,7 +95,7 @@ class Candidate:
 
     @property
     def name(self) -> str:
-        """The circuit as tables and screens call it."""
+        """The circuit as named in tables and screens."""
         return table_name(self.model, self.over)
 
     @classmethod
@@ -108,26 +108,26 @@ class Candidate:
 
 
 class InputPart(Part):
-    """One file that was read, what was decided about it, and for a record how it was simulated.
+    """One input file, with the decisions about it, and for a record the settings of its simulation.
 
     Attributes:
-        role: What it served as.
+        role: Its role.
         name: Its name.
         sha256: Its digest.
-        fingerprint: Some of a record's samples, to tell it again in whatever file: its first and
-            last time, and behind semicolons runs of samples, each with its time, current
-            (discharge positive) and voltage, in s, A and V.
-        sign: The sign of its current, and why.
-        hold: When a sample's current flows, and why.
-        resampled_share: Where that is only assumed, the charge that the simulated part would span
-            with the other sampling, as a share of what it does.
-        voltage_lag_s: By how much its voltage is older than the current in its row.
+        fingerprint: Some of a record's samples, to recognize it in any file: its first and last
+            time, and after semicolons runs of samples, each with its time, current (discharge
+            positive) and voltage, in s, A and V.
+        sign: Sign of its current, with the reason.
+        hold: When a sample's current flows, with the reason.
+        resampled_share: If that is merely assumed, the charge that the simulated part would span
+            with the other sampling, as a share of its actual span.
+        voltage_lag_s: Lag of its voltage behind the current in its row.
         window: The part that was simulated.
-        start: Where and from which SOC, and why.
-        rest_current_a: The cell rests below this current.
+        start: Position and SOC of the start, with the reason.
+        rest_current_a: Current below which the cell rests.
         capacity_ah: Capacity in the simulation.
         duration_s: Length of the simulation.
-        samples: Number of counted samples.
+        samples: Number of scored samples.
         soc_range: Lowest and highest SOC.
         temperature_degc: Temperature of the record.
         peak_current_a: The largest current of the simulation, in either direction.
@@ -196,49 +196,49 @@ class InputPart(Part):
         return text
 
     def is_of(self, record: Record | Source) -> bool:
-        """True for the same samples; of a source, for the same file as a whole."""
+        """True for the same samples; for a source, for the same whole file."""
         if isinstance(record, Record) and self.fingerprint:
             return Content(record).fingerprint == self.fingerprint
         return self.sha256 == record.sha256 != "" and "#" not in self.name
 
     @property
     def start_source(self) -> str:
-        """The source of the SOC at its start, before it was registered; empty of an OCV test."""
+        """The source of the SOC at its start, before registration; empty for an OCV test."""
         if self.window and (registration := self.window.registration):
             return registration.origin.given_source
         return self.start.soc_source if self.start else ""
 
     @property
     def initial_capacity_ah(self) -> float | None:
-        """The capacity that was told, or that the OCV test tells, before other records of the cell
-        moved it."""
+        """The given capacity, or that from the OCV test, before registration on other records of
+        the cell."""
         registration = self.window and self.window.registration
         is_moved = registration and registration.by == "records"
         return registration.given_capacity_ah if registration and is_moved else self.capacity_ah
 
     def is_at(self, temperature_degc: float) -> bool:
-        """True for a record of this temperature, as far as one is told from another."""
+        """True for a record at this temperature, within the difference that separates two."""
         degc = self.temperature_degc
         return degc is not None and abs(degc - temperature_degc) <= SAME_DEGC
 
 
 class ConstantPart(Part):
-    """The best constant circuit known: the answer itself, or what stands beside tables.
+    """The best constant circuit known: the answer itself, or in addition to tables.
 
     Attributes:
         model: Name of the circuit.
         parameters: Its parameters, under PyBaMM's names in SI units.
-        source: Where it comes from.
-        at_bound: Parameters that ended at a bound.
+        source: Its origin.
+        at_bound: Parameters at a bound.
         metrics: Its errors.
-        global_optimum: The best circuit in the bounds, None if they are too wide to look for it.
+        global_optimum: The best circuit in the bounds; None if they are too wide to search.
         assessment: Intervals and diagnostics, None if skipped or failed.
-        hold_shift_ohm: How much more R0 would be if a sample's current flowed on its other side,
-            where that is assumed.
-        search: The answers of the seeds, None without seeds.
+        hold_shift_ohm: Increase of R0 if a sample's current flowed on its other side, if the side
+            is assumed.
+        search: The answers of the seeds; None without seeds.
         refined: Their answers after Levenberg-Marquardt.
         bounds: Lowest and highest value of each parameter.
-        fixed: Parameters that were held.
+        fixed: Held parameters.
     """
 
     model: CircuitName
@@ -266,7 +266,7 @@ class ConstantPart(Part):
             findings = self.assessment.identifiability.findings
         at = dict.fromkeys(circuit.tables, circuit.nodes[0])
         intervals = {one.name: _interval(one, at.get(one.name)) for one in estimates}
-        # Resistances are their own means; of pairs that the data do not tell apart, so are sums.
+        # Resistances are their own means; for pairs that the data do not separate, so are sums.
         alike = [one.combined for one in findings if one.kind == "alike" and one.combined]
         means = [
             replace(intervals.get(name) or _interval(Estimate(name, ohm)), soc=None)
@@ -287,7 +287,7 @@ class ConstantPart(Part):
             warnings=(),
             means=(*means, *map(_interval, alike)),
         )
-        # A capacitance is no number of tables.
+        # A capacitance is not a number of tables.
         fixed = {name: value for name, value in self.fixed.items() if not name.endswith("[F]")}
         settings = TableSettings(nodes=circuit.nodes, fixed=fixed, proved_share=CERTIFIED_GAP)
         return TableFits((fit,), None, settings, bands, self.hold_shift_ohm)

@@ -1,7 +1,7 @@
-"""`result.json`: what an identification found, and all that is needed to use or repeat it.
+"""`result.json`: the results of an identification, and all that is needed to use or repeat it.
 
-What is stored are the dataclasses that the numerics return (see `schema`), gathered here with the
-files, the settings and the versions they come from.
+The stored content is the dataclasses of the numerics (see `schema`), collected here with the files,
+the settings and the versions behind them.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -40,23 +40,23 @@ if TYPE_CHECKING:
 class Result(Document):
     """The contents of `result.json`. Equal runs give equal bytes: no times, dates or folders.
 
-    A result that was computed or loaded has its simulated records in `evaluations`.
+    A computed or loaded result has its simulated records in `evaluations`.
 
     Attributes:
         schema_version: Version of the schema.
         model: Name of the answer's circuit.
         metrics: The answer's errors.
         candidates: The constant circuit and the answer, with their errors.
-        tried: The circuits of the family that were tried, rung by rung, and what each gained.
-        tables: The tables over SOC that are the answer, None if a constant circuit is.
-        constant: The best constant circuit: the answer, or what stands beside the tables.
-        pulses: The pulses of records that are pulse tests.
+        tried: The circuits of the family that were tried, rung by rung, with the gain of each.
+        tables: The tables over SOC that are the answer; None for a constant circuit.
+        constant: The best constant circuit: the answer, or in addition to the tables.
+        pulses: The pulses of pulse tests.
         cell: OCV, hysteresis voltage and capacity.
-        inputs: Every file, with its digest and what was decided about it.
+        inputs: Every file, with its digest and the decisions about it.
         plan: Every file of a folder with its role.
-        notes: What was done with the inputs; they need no action.
-        warnings: What is doubtful, with what to do; each prints as its sentence.
-        versions: Versions of barnax and of what it computes with.
+        notes: Changes and assumptions about the inputs; they need no action.
+        warnings: Doubtful results, each with a remedy; printed as sentences.
+        versions: Versions of barnax and of its numerical packages.
 
     >>> Result.from_json("missing.json")  # doctest: +ELLIPSIS
     Traceback (most recent call last):
@@ -99,11 +99,11 @@ class Result(Document):
 
     @property
     def evaluations(self) -> Evaluations:
-        """The answer, simulated on its records; those of the constant circuit beside tables are of
+        """The answer, simulated on its records; for the constant circuit in addition to tables use
         `without_tables()`.
 
-        A result that was loaded reads its records again the first time. Raises `InputError` if they
-        are not found, and for one that was read by `from_json`.
+        A loaded result reads its records on first access. Raises `InputError` if they are not
+        found, and for one that was read by `from_json`.
         """
         if self._evaluations is None and self._inputs is not None:
             self._evaluations = hook("Result.evaluations")(self, self._inputs)
@@ -123,19 +123,19 @@ class Result(Document):
         columns: Mapping[str, str] | str = "",
         series: int = 1,
     ) -> Self:
-        """A stored result that draws every figure again, from the records that it is of.
+        """A stored result that can draw every figure again, from its records.
 
-        They are read when they are first needed, from `data`, the working folder, the result's, the
-        one above it, or where its `plan.toml` says; by name, and the content has to be the same.
+        They are read on first access, from `data`, the working folder, the result's, the one above
+        it, or the locations in its `plan.toml`; by name, and only with the same content.
 
         Args:
             path: The folder that identify wrote, or its `result.json`.
             data: Folders of the measured files, or a mapping from the names of inputs to files or
                 data frames.
-            columns: Names of columns, as for `read_record`, where they were given then.
-            series: How many cells are in series, likewise.
+            columns: Names of columns, as for `read_record`, if they were given then.
+            series: Number of cells in series, if it was given then.
 
-        Raises `InputError` if it is no result; the figures do so where a record is not found.
+        Raises `InputError` if it is not a result; figures do so if a record is not found.
 
         >>> import tempfile, barnax
         >>> with tempfile.TemporaryDirectory() as folder:
@@ -156,27 +156,28 @@ class Result(Document):
         temperature: float | None = None,
         initial_direction: Literal[-1, 1] | None = None,
     ) -> "Frame":
-        """The voltage of the answer, circuit or tables, on a current of your own.
+        """The voltage of the answer, circuit or tables, for a current of your own.
 
         Discharge current is positive, and each sample's current flows until the next one. The
-        columns `Time [s]`, `Current [A]`, `Voltage [V]` and `SOC` come back in a data frame of the
-        library that was given, else in a mapping to NumPy arrays. Currents far beyond those of the
-        identification (1.5 times), and an SOC that was not identified on, are warnings.
+        columns `Time [s]`, `Current [A]`, `Voltage [V]` and `SOC` are returned in a data frame of
+        the same library, or in a mapping to NumPy arrays. Currents far beyond those of the
+        identification (1.5 times), and an SOC outside its range, give warnings.
 
         Args:
             current: A data frame or a mapping with a column of time and one of current, such as
                 `"Time [s]"` and `"Current [A]"`; or an array of currents in A, with `time`:
                 `result.simulate([0.0, 2.0], [0.0, 1.0])`.
-            time: Times in s, as many as there are currents, where `current` is an array.
+            time: Times in s, as many as there are currents, if `current` is an array.
             initial_soc: State of charge at the first sample, from 0 (empty) to 1 (full); by default
-                the one at which the first record identified on starts, `result.start.soc`.
-            temperature: The one temperature of the cell in degC throughout, which tables over
-                temperature need. Of a column, resistances that follow it do so, and nothing else.
+                that at the start of the first record identified on, `result.start.soc`.
+            temperature: Constant temperature of the cell in degC, which tables over temperature
+                need. A column of temperatures only affects resistances that depend on it.
             initial_direction: Direction of the load before the start, for hysteresis: +1 charged,
                 -1 discharged; by default that of the identification.
 
-        Raises `InputError` for unequal columns, for what is no number, times that do not rise, a
-        temperature that the result says nothing of, and a current that takes the SOC 5 % too far.
+        Raises `InputError` for unequal columns, for values that are not numbers, times that do not
+        rise, a temperature not covered by the result, and a current that takes the SOC more than 5
+        % too far.
 
         >>> import barnax, numpy as np
         >>> result = barnax.identify(setup="li2023", seeds=0, trust="none")
@@ -203,8 +204,8 @@ class Result(Document):
 
         Args:
             record: A file, `Record` or data frame.
-            window: The part of the record that is simulated; by default its own if the result is of
-                it, else the one that a plan gives it.
+            window: The simulated part of the record; by default its own if it belongs to the
+                result, else the one in a plan.
             current_sign: The sign of the file's current; "auto" decides from the data.
             current_hold, voltage_lag, columns, series: As for `read_record`.
 
@@ -225,17 +226,17 @@ class Result(Document):
     def to_frame(self) -> "polars.DataFrame":
         """The parameters of the answer with their 95 % intervals, units in the names.
 
-        Of a constant circuit a row is a parameter, with `value`, `low` and `high`. Of tables a row
-        is a node, at each temperature: its SOC, and of every table the value, such as `R0 [Ohm]`,
-        `R0 low [Ohm]` and `R0 high [Ohm]`. The nodes of an OCV of the records' own are rows too,
-        at which resistances have no interval. Null is what has none.
+        For a constant circuit each row is a parameter, with `value`, `low` and `high`. For tables
+        each row is a node, at each temperature: its SOC, and the value of every table with its
+        interval, such as `R0 [Ohm]`, `R0 low [Ohm]` and `R0 high [Ohm]`. The nodes of a fitted OCV
+        are rows too, at which resistances have no interval. Missing values are null.
         """
         return hook("Result.to_frame")(self)
 
     def report(
         self, path: str | Path | None = None, *, format: Literal["html", "md"] | None = None
     ) -> str:
-        """The report with every figure, and where it is written if `path` is given.
+        """The report with every figure, as text; it is written to `path` if that is given.
 
         HTML is one file. Markdown has its figures in a folder `figures` beside it, which are
         written with it.
@@ -244,7 +245,7 @@ class Result(Document):
             path: The file to write.
             format: "html" or "md"; by default by the suffix of `path`, else "html".
 
-        Raises `InputError` for another format, and where a loaded result's records are not found.
+        Raises `InputError` for another format, and if a loaded result's records are not found.
         """
         return hook("Result.report")(self, path, format)
 
@@ -252,7 +253,7 @@ class Result(Document):
     def parameters(self) -> dict[str, float | tuple[float, ...]]:
         """The answer's parameters under PyBaMM's names in SI units.
 
-        A table over SOC is a tuple of values at the states of charge under "SOC"; of tables at
+        A table over SOC is a tuple of values at the states of charge under "SOC"; for tables at
         several temperatures, those nearest to 25 degC.
         """
         circuit = self.circuit_parameters
@@ -267,12 +268,12 @@ class Result(Document):
 
     @property
     def at_bound(self) -> tuple[AtBound, ...]:
-        """The constants of the answer that ended at a bound of their search."""
+        """The constants of the answer at a bound of their search."""
         return tuple(dict.fromkeys(bound for fit in self.fits for bound in fit.at_bound))
 
     @property
     def fits(self) -> TableFits:
-        """The answer as it was fitted, at each temperature; constants as tables of one node."""
+        """The fitted answer, at each temperature; constants as tables of one node."""
         return self.tables or self.constant.fits
 
     @property
@@ -282,14 +283,14 @@ class Result(Document):
 
     @property
     def over(self) -> Literal["ocv", "soc", "soc,temperature"] | None:
-        """The coordinates of the tables, "ocv" where the OCV alone is one; None of a constant
+        """The coordinates of the tables, "ocv" if only the OCV is tabulated; None for a constant
         circuit.
         """
         return self.fits.over
 
     @property
     def answer(self) -> str:
-        """The answer's circuit as tables and screens call it."""
+        """The answer's circuit as named in tables and screens."""
         return table_name(self.model, self.over)
 
     def without_tables(self) -> Self:
@@ -298,8 +299,8 @@ class Result(Document):
         return self.model_copy(update=constant)
 
     def at_temperature(self, temperature_degc: float) -> Self:
-        """A copy with the tables over SOC, the OCV and the capacity of one temperature alone."""
-        # The capacity is the cell's now, and no record's.
+        """A copy with the tables over SOC, the OCV and the capacity at a single temperature."""
+        # The capacity now belongs to the cell, not to a record.
         alone: dict[str, Any] = {
             "cell": self.cell_at(temperature_degc),
             "inputs": tuple(part.model_copy(update={"capacity_ah": None}) for part in self.inputs),
@@ -310,8 +311,9 @@ class Result(Document):
         return self.model_copy(update=alone)
 
     def cell_at(self, temperature_degc: float | None = None) -> CellModel:
-        """The cell as the identification simulated it at a temperature, by default that of the
-        first record: with the capacity told of the first record there, which may be its own."""
+        """The cell as simulated in the identification at a temperature, by default that of the
+        first record: with the capacity of the first record there, which may differ from the
+        cell's."""
         records = self.of_role("identification")
         if temperature_degc is None:
             temperature_degc, near = self._first.temperature_degc, records[:1]
@@ -322,7 +324,7 @@ class Result(Document):
         return replace(cell, capacity_ah=capacity_ah, elsewhere=())
 
     def of_role(self, role: str) -> tuple[InputPart, ...]:
-        """The inputs that served as `role`."""
+        """The inputs with the given role."""
         return tuple(part for part in self.inputs if part.role == role)
 
     @property
@@ -336,7 +338,7 @@ class Result(Document):
 
     @property
     def measured_at(self) -> list[tuple[str, float | None]]:
-        """The records identified on and their temperatures, where the circuit is of one alone."""
+        """The records identified on and their temperatures, if the circuit is for a single one."""
         if self.fits.over_temperature is not None:
             return []
         planned = {part.name: part.temperature_degc for part in self.plan}
@@ -352,8 +354,8 @@ class Result(Document):
 
     @property
     def common_window(self) -> Window:
-        """The window of a record that the result is not of: the cell's capacity and rest current,
-        where they were given for all records alike. A start and scored samples are one file's."""
+        """The window for a record outside the result: the cell's capacity and rest current, if they
+        were given for all records. A start and scored samples belong to one file."""
         first, *others = [p.window.unregistered for p in self.inputs if p.window] or [Window()]
         agreed = {
             name: getattr(first, name)
@@ -374,7 +376,7 @@ class Result(Document):
     def figure(self, name: str) -> "Figure":
         """A figure by its name, such as "voltage", "error", "tables" or "ocv".
 
-        Raises `InputError` for a name that this result has no figure of.
+        Raises `InputError` for a figure that this result does not have.
         """
         return hook("Result.figure")(self, name)
 

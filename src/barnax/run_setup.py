@@ -1,5 +1,5 @@
-"""What a run searches: the constant circuit on its records, the circuit of the family that is
-chosen on them, and without an OCV test the cell that the records themselves show."""
+"""The searches of a run: the constant circuit on its records, the circuit of the family chosen on
+them, and without an OCV test the cell identified from the records themselves."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -45,18 +45,18 @@ from .select.policy import Policy
 from .settings import OVER_TEMPERATURE
 from .uncertainty.covariance import Covariance, linearize
 
-# The circuit that the population searches beside tables.
+# The circuit of the population search in addition to tables.
 CONSTANT = "so-rc"
-# A start is fitted with the circuit where its standard error is worth so much.
+# A start is fitted with the circuit if its standard error has this effect on the voltage.
 LEAST_DOUBT_V = 0.002
 
 
 def settled(problem: Problem, fitted: FittedOcv | None = None) -> Problem:
-    """The problem with the OCV at rest where sweeps measured it under load, and the directions
-    before the start and the sampling of the current that the voltage shows."""
+    """The problem with the OCV at rest if sweeps measured it under load, and with the directions
+    before the start and the sampling of the current that the voltage supports."""
     problem = without_sweep_drop(problem)
     if fitted is not None and get_circuit(problem.circuit).has_rate:
-        # A hysteresis of the records' own was fitted with the directions that fit better.
+        # A hysteresis fitted with the OCV was identified with the better-fitting directions.
         records = [
             one.fitting_better(fitted.directions[one.record.name])
             if one.record.name in fitted.directions
@@ -70,17 +70,18 @@ def settled(problem: Problem, fitted: FittedOcv | None = None) -> Problem:
 
 
 def with_joint_starts(problem: Problem) -> Problem:
-    """The problem of one record with the start that its voltages tell where that fits best together
-    with the circuit, held to the rest's by its standard error, if that is worth millivolts."""
+    """The problem of a single record with the start at which it fits best together with the
+    circuit, with the rest's start and standard error as prior, if that error is worth
+    millivolts."""
     first, *others = problem.prepared_records
     given, sd = first.start, float(first.start.soc_sd)
     doubt_v = sd * first.cell.ocv_slope(first.soc[:1])[0]
-    # Several records tell each other's starts.
+    # Several records determine each other's starts.
     is_open = doubt_v >= LEAST_DOUBT_V and not others and problem.is_compressible
     for _ in range(ROUNDS if is_open else 0):
         optimum = find_global_optimum(problem, prove=False)
         joint = Covariance.of(linearize(problem, optimum.parameters))
-        # In standard errors of what was told.
+        # In standard errors of the given start.
         step, error = float(joint.nuisances_step[0]), float(joint.nuisances_error[0])
         away_soc = problem.prepared.start.soc + sd * step - given.soc
         move = away_soc, 0.0, sd * error, 0.0
@@ -95,7 +96,7 @@ def with_joint_starts(problem: Problem) -> Problem:
 
 
 def first_circuit(inputs: Inputs, job: Job) -> str:
-    """The circuit that the population searches before another one is chosen."""
+    """The circuit of the population search before another one is chosen."""
     if inputs.fitted_ocv is not None:
         return inputs.fitted_ocv.circuit
     start = limits_of(inputs.cell, TableSettings()).start
@@ -109,8 +110,8 @@ def problem_of(
     circuit: str,
     usual: Mapping[str, Range] | None = None,
 ) -> Problem:
-    """The problem of a circuit, with `usual` bounds where none are given; compressed where the box
-    allows it unless the objective is chosen."""
+    """The problem of a circuit, with `usual` bounds if none are given; compressed if the box allows
+    it unless the objective is chosen."""
     problem = make_problem(
         inputs.records,
         inputs.cell,
@@ -132,11 +133,11 @@ class Setup:
     """The problem, records and fit of a run.
 
     Attributes:
-        problem: The constant circuit that the population searches: the answer, or beside it.
-        validation: The records to validate on, made ready for a circuit.
-        fit: Fits and proves the tables that are the answer; None if a constant circuit is.
-        records: The records that these are of.
-        tried: What was tried.
+        problem: The constant circuit of the population search: the answer, or in addition to it.
+        validation: The validation records, prepared for a circuit.
+        fit: Fits and proves the tables that are the answer; None for a constant circuit.
+        records: The records behind these.
+        tried: The circuits tried.
         has_fitted_ocv: Whether the constant circuit has an OCV that was fitted with these tables.
     """
 
@@ -149,7 +150,7 @@ class Setup:
 
 
 def asks_for_constant(job: Job) -> bool:
-    """True where a constant circuit is asked for: a model without tables, or a bounded or held
+    """True if a constant circuit is requested: a model without tables, or a bounded or held
     capacitance, which tables do not have."""
     named = *job.ranges.by_name, *(job.fix or ())
     has_farads = any(name.endswith("[F]") for name in named)
@@ -158,8 +159,8 @@ def asks_for_constant(job: Job) -> bool:
 
 
 def set_up(first: Problem, inputs: Inputs, windows: Mapping[str, Window], job: Job) -> Setup:
-    """Set up a run: without an OCV test the tables came with the cell's OCV; over temperature, and
-    with a constant circuit that is asked for, there is nothing to choose."""
+    """Set up a run: without an OCV test the tables came with the cell's OCV; for tables over
+    temperature, and if a constant circuit is requested, there is nothing to choose."""
     # A table has no capacitance to bound or hold.
     tables = bounded_tables(job, but="[F]" if job.over is None else None)
     inputs, fitted = replace(inputs, cell=first.cell), inputs.fitted_ocv
@@ -169,7 +170,7 @@ def set_up(first: Problem, inputs: Inputs, windows: Mapping[str, Window], job: J
 
     validation = partial(prepared, inputs.validation)
 
-    # A validation record that does not fit its window is refused before the search, not after.
+    # A validation record that does not fit its window is rejected before the search, not after.
     _ = validation(first.circuit)
     if fitted is not None:
         of_ocv = first.prepared_records, fitted.tried
@@ -195,7 +196,7 @@ def set_up(first: Problem, inputs: Inputs, windows: Mapping[str, Window], job: J
     problem, point = first, chosen.point
     registered = chosen.objective.prepared_records
     if point.is_constant and point.circuit != first.circuit:
-        # As fast as it was when it was chosen.
+        # With the bounds of the rate under which it was chosen.
         is_free = point.has_rate and RATE not in (job.fix or {})
         rate = {RATE: chosen.objective.ranges[RATE]} if is_free else None
         made = problem_of(inputs, windows, job, point.circuit, rate)
@@ -206,7 +207,7 @@ def set_up(first: Problem, inputs: Inputs, windows: Mapping[str, Window], job: J
 
 
 def _proved(chosen: Fitted) -> TableFits:
-    """The tables that were chosen, proved, with what a fitted OCV is beside the test's."""
+    """The chosen tables, proved, with a comparison of a fitted OCV with the test's."""
     objective = chosen.objective
     fit = assemble_fit(objective, certify(objective, chosen.best))
     compared = compare_ocv(objective.prepared_records, fit, objective.settings)
@@ -214,7 +215,7 @@ def _proved(chosen: Fitted) -> TableFits:
 
 
 def _on_windows(problem: Problem, registered: Sequence[PreparedRecord]) -> Problem:
-    """The problem with starts and capacities as other records tell them."""
+    """The problem with starts and capacities registered on other records."""
     windows = {one.record.name: one.window for one in registered}
     if all(windows[one.record.name] == one.window for one in problem.prepared_records):
         return problem
@@ -223,16 +224,16 @@ def _on_windows(problem: Problem, registered: Sequence[PreparedRecord]) -> Probl
 
 
 def register_all(job: Job, records: Sequence[PreparedRecord]) -> list[PreparedRecord]:
-    """The records, with what the OCV test tells of the start and capacity of those whose rests it
-    contradicts, and beside a constant circuit that is asked for, several of each other's; beside
-    one that is chosen they tell it once it is."""
+    """The records, registered on the OCV test if their rests contradict it, and if a constant
+    circuit is requested, several of them on each other; otherwise that follows once a circuit is
+    chosen."""
     circuit, chosen = job.model or CONSTANT, job.table_settings
     has_no_amplitude = chosen.half_hysteresis and not get_circuit(circuit).has_rate
     if chosen.keep_starts or not chosen.ocv_correction or has_no_amplitude:
         return list(records)
     tables = bounded_tables(job, but="[F]")
     if not get_circuit(circuit).has_rate:
-        # A flat OCV is told by a circuit with a hysteresis, whose rate may be bounded.
+        # On a flat OCV, registration needs a circuit with a hysteresis, whose rate may be bounded.
         bounds = {name: ends for name, ends in tables.bounds.items() if name != RATE}
         fixed = {name: value for name, value in tables.fixed.items() if name != RATE}
         tables = replace(tables, bounds=bounds, fixed=fixed)
@@ -249,7 +250,7 @@ def register_all(job: Job, records: Sequence[PreparedRecord]) -> list[PreparedRe
 
 
 def bounded_tables(job: Job, but: str | None = None) -> TableSettings:
-    """Settings of tables, with the bounds and fixed values of the circuit, but those in a unit
+    """Settings of tables, with the bounds and fixed values of the circuit, except those in a unit
     that tables do not have."""
     tables = job.table_settings
 
@@ -264,7 +265,7 @@ def bounded_tables(job: Job, but: str | None = None) -> TableSettings:
 def fit_ocv(job: Job, records: Sequence[Record]) -> FittedOcv:
     """The cell of records that have no OCV test, with their tables, or one value at every SOC.
 
-    Raises `InputError` if what is asked for needs a test.
+    Raises `InputError` if a requested option needs a test.
     """
     model = job.model and get_circuit(job.model)
     asked = {
@@ -294,7 +295,7 @@ def fit_ocv(job: Job, records: Sequence[Record]) -> FittedOcv:
         prepared = [one.with_dependence(point.law) for one in prepare(point.circuit)]
         objective = reduced_objective(prepared, chosen.objective.settings)
         chosen = Fitted(point, objective, find_best(objective), chosen.loss)
-    # The starts of circuits with such a hysteresis are those of one of them.
+    # Circuits with the same kind of hysteresis share their starts.
     alike = (circuit for circuit in starts if get_circuit(circuit).has_rate == point.has_rate)
     chosen_starts = starts[point.circuit if point.circuit in starts else next(alike)]
     proved = prove_with_ocv(untested, chosen.objective, chosen.best, chosen_starts)
@@ -303,7 +304,7 @@ def fit_ocv(job: Job, records: Sequence[Record]) -> FittedOcv:
 
 
 def _left_out(choice: Choice) -> Iterator[Notice]:
-    """The warnings where what was asked for leaves out what the records show."""
+    """The warnings if the requested circuit leaves out an effect that the records support."""
     left_out = {tried.ladder: tried for tried in choice.tried if tried.outcome == "not asked for"}
     if "hysteresis" in left_out:
         given = choice.chosen.point.circuit, left_out["hysteresis"].circuit

@@ -1,5 +1,5 @@
-"""What a filter is tried with, and how it does: wrong beliefs of a battery manager that starts it,
-the errors of its estimates then, and tests of its innovations."""
+"""The scenarios of a filter and its accuracy: wrong assumptions of a battery manager at the start,
+the resulting errors of its estimates, and tests of its innovations."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -19,15 +19,15 @@ from .metrics import CONFIDENCE
 from .model.prepared import PreparedRecord
 from .schema import Part
 
-# Within this share of the counter, and for so long, an estimate has converged.
+# An estimate that stays within this share of the counter for this long has converged.
 CONVERGED, HOLDS_S = 0.03, 600.0
-# Two standard deviations of a normal distribution hold 95 %.
+# 95 % of a normal distribution are within this many standard deviations.
 BAND = 1.959964
-# Offset and capacity gather the errors of a whole record: on measured cells they are off by up to
-# three of the filter's deviations. They are told where thrice the deviation is half of what was
-# believed before.
+# Estimates of offset and capacity absorb the errors of a whole record: on measured cells they are
+# off by up to three of the filter's deviations. They are reported if three times the deviation is
+# less than half of the prior.
 DOUBT, DETERMINED = 3.0, 0.5
-# Of the tests of innovations.
+# Lags of the tests of innovations.
 LAGS = 20
 Samples = Float[np.ndarray, "samples"]
 Rows = Float[np.ndarray, "samples *_"]
@@ -35,14 +35,14 @@ Rows = Float[np.ndarray, "samples *_"]
 
 @dataclass(frozen=True)
 class Scenario:
-    """Errors of a battery manager's knowledge.
+    """Errors in a battery manager's assumptions.
 
     Args:
-        name: What it is called in reports.
-        soc_error: Error of the SOC at the start, a fraction, positive where it is too high. The
-            filter starts at the first sample that leaves room for it between empty and full.
+        name: Name in reports.
+        soc_error: Error of the SOC at the start, a fraction, positive if it is too high. The filter
+            starts at the first sample that leaves room for it between empty and full.
         offset_c: Offset of the current, as a C-rate.
-        capacity_factor: The capacity that is believed, relative to the right one.
+        capacity_factor: The assumed capacity over the right one.
     """
 
     name: str
@@ -71,7 +71,7 @@ class Case:
 
     @property
     def counted(self) -> Float[np.ndarray, "samples"]:
-        """SOC by counting alone, with what the manager has wrong."""
+        """SOC by counting alone, with the manager's errors."""
         believed, (state, _), drive = self.given
         passed_ah = np.cumsum(np.asarray(drive.held_a * drive.interval_s)) / 3600
         return float(state[0]) - passed_ah / float(believed.capacity_ah)
@@ -92,12 +92,13 @@ def case_of(
     soc = prepared.soc[first] + scenario.soc_error
     state, variance = model.start(soc, soc_sd, direction, direction_sd)
     if first:
-        # The current was known until then: pairs and hysteresis stand where it has left them.
+        # The current was known until then: pairs and hysteresis are in the state where it left
+        # them.
         right, _ = model.start(prepared.soc[0], soc_sd, direction, direction_sd)
         before = jax.tree.map(lambda array: array[: first + 1], drive)
         reached = _open_loop(model, right, before)
         state = reached.at[0].set(soc)
-    # The samples before are put behind the last, where nothing is counted.
+    # The samples before are moved behind the last, where nothing is counted.
     drive = jax.tree.map(
         lambda array: jnp.concatenate([array[first:], jnp.repeat(array[-1:], first)]), drive
     )
@@ -123,7 +124,7 @@ def _open_loop(model: FilterModel, state: Any, drive: Drive) -> Any:
 
 
 def from_start(values: Rows, first: int) -> Rows:
-    """Values that were computed from a sample on, in their place."""
+    """Values computed from a sample on, at their original positions."""
     padded = np.full(values.shape, np.nan)
     padded[first:] = values[: len(values) - first]
     return padded
@@ -135,25 +136,25 @@ class ScenarioPart(Part):
     Errors are those after convergence, None without it, except those of the whole record.
 
     Attributes:
-        name: The scenario's.
-        start_s: When it starts, after the beginning of the replay.
+        name: Name of the scenario.
+        start_s: Time of its start, after the beginning of the replay.
         start_soc: The SOC that the filter starts from.
         offset_a: The current's offset.
-        capacity_ah: The capacity that is believed.
+        capacity_ah: Assumed capacity.
         converged_s: Time after which the error stays within 3 % for ten minutes at least.
         whole_rms: Root mean square of the error over the whole record.
-        whole_max: The largest error over it.
+        whole_max: Largest error over the whole record.
         rms: Root mean square of the error.
-        rms_above_10_soc: The same above 10 % SOC.
+        rms_above_10_soc: Root mean square of the error above 10 % SOC.
         max: The largest error.
-        max_before: The largest error before convergence, or of all without.
+        max_before: The largest error before convergence, or of all samples without it.
         band: Mean half width of the 95 % band, over all samples.
         widest: The largest half width of it after the first ten minutes.
-        in_band: Share of all samples where the 95 % band holds the counter.
+        in_band: Share of all samples with the counter inside the 95 % band.
         counter_rms: Root mean square of plain counting over the same samples.
         counter_max: The largest error of plain counting.
-        estimates: Final values of the estimated parameters, with their standard deviations; of
-            offset and capacity only those that the record determines.
+        estimates: Final values of the estimated parameters, with their standard deviations; offset
+            and capacity only if the record determines them.
         diverged_s: Time at which the filter's numbers ceased to be finite.
     """
 
@@ -186,13 +187,13 @@ class ScenarioPart(Part):
 def score(
     case: Case, capacity_ah: float, prepared: PreparedRecord, estimate: Filtered
 ) -> ScenarioPart:
-    """The errors of a filter's estimates from the start of a case on, against the counter.
+    """The errors of a filter's estimates from the start of a case on, relative to the counter.
 
     Args:
         case: The scenario, and the filter's model and start in it.
-        capacity_ah: The capacity that the offset is counted by.
+        capacity_ah: Capacity for converting the offset.
         prepared: The record.
-        estimate: Samples from the start on, and behind them what does not count.
+        estimate: Samples from the start on, followed by padding.
     """
     (believed, (state, _), _), count = case.given, len(prepared.soc) - case.first
     clock_s, truth = prepared.time_s - prepared.time_s[0], prepared.soc[case.first :]
@@ -236,8 +237,8 @@ def score(
 
 
 def _determined(model: FilterModel, values: Any, deviations: Any) -> dict[str, tuple[float, float]]:
-    """Final values with their deviations; of offset and capacity only what a record tells from the
-    errors of the circuit. All but the offset are logarithms of a factor."""
+    """Final values with their deviations; offset and capacity only if a record distinguishes them
+    from the errors of the circuit. All except the offset are logarithms of a factor."""
     determined, rows = {}, zip(model.slow, values, deviations, model.slow_sd.tolist(), strict=True)
     for name, value, sd, prior_sd in rows:
         sd *= DOUBT if name in (OFFSET, CAPACITY) else 1.0
@@ -261,12 +262,12 @@ def _rms(values: Float[np.ndarray, "some"]) -> float:
 
 @dataclass(frozen=True)
 class Innovations:
-    """Innovations over their expected deviation, against white noise of variance one.
+    """Innovations over their expected deviation, tested against white noise of variance one.
 
     `first_lag` is their autocorrelation from one sample to the next; that of white noise stays
     within `bound`. `p_value` is that of Ljung and Box's statistic (1978) over `lags` lags: below
-    0.05 they are not white. `mean_square` is the mean normalised innovation squared, whose 95 %
-    interval is `mean_square_bounds` where the filter's deviations are right.
+    0.05 they are not white. `mean_square` is the mean normalized innovation squared, whose 95 %
+    interval is `mean_square_bounds` if the filter's deviations are right.
     """
 
     samples: int
@@ -285,7 +286,7 @@ class Innovations:
 def examine_innovations(normalised: Samples) -> Innovations:
     """Both tests on innovations divided by their expected deviations.
 
-    Over `LAGS` lags, or as many as half of a shorter record has.
+    Over `LAGS` lags, or half the number of samples of a shorter record.
 
     >>> found = examine_innovations(np.random.default_rng(0).normal(size=1000))
     >>> found.are_white, found.mean_square_bounds[0] < found.mean_square
@@ -309,7 +310,7 @@ def examine_innovations(normalised: Samples) -> Innovations:
 
 
 def mean_bounds(count: int) -> tuple[float, float]:
-    """The 95 % interval of the mean of so many chi-square values of one degree of freedom.
+    """The 95 % interval of the mean of `count` chi-square values with one degree of freedom.
 
     Bar-Shalom, Li and Kirubarajan (2001), section 5.4: the test of estimation errors over
     Monte-Carlo runs, and of innovations over time.

@@ -1,9 +1,9 @@
 """One schema: dataclasses to JSON and back, with units in the keys.
 
 A stored document is a `Document` whose fields are the dataclasses that the numerics return, so that
-nothing is written down twice: a field `rmse_v` is the key `rmse [V]`, an array a list, a circuit
-PyBaMM's names and values. What a dataclass needs beside plain values is an annotation, `ARRAY` for
-an array of numbers.
+nothing is defined twice: a field `rmse_v` is the key `rmse [V]`, an array a list, a circuit
+PyBaMM's names and values. Anything that a dataclass needs in addition to plain values is an
+annotation, such as `ARRAY` for an array of numbers.
 """
 
 import json
@@ -33,9 +33,9 @@ from .notices import Notice, Severity
 
 LARGEST_FILE = 200_000_000
 LONGEST_REASON = 500
-# Of a field's name and of a key: what follows the last underscore is the unit.
+# By the last part of a field's name, the unit in its key.
 UNITS = {"v": "V", "s": "s", "a": "A", "ah": "A.h", "ohm": "Ohm", "percent": "%", "degc": "degC"}
-# Other than their names would give.
+# Keys that differ from those derived from the name.
 KEYS = {
     "boxes": "cells",
     "max_boxes": "most_cells",
@@ -45,7 +45,7 @@ KEYS = {
     "kappa_per_a2": "kappa [1/A2]",
     "reference_a2": "reference [A2]",
 }
-# JSON, where a file's name was wanted.
+# JSON, where a file name was expected.
 _TEXT = re.compile(r"\s*[{\[]\s*[\"{\[\]}]")
 _LABEL = re.compile(rf" \[({'|'.join(map(re.escape, UNITS.values()))})\]$")
 _UNIT = re.compile(rf"_({'|'.join(UNITS)})$")
@@ -73,7 +73,7 @@ def _listed(array: np.ndarray) -> list[Any]:
     return values.tolist()
 
 
-# An array of numbers, stored as nested lists, null for what is not finite.
+# An array of numbers, stored as nested lists, null for values that are not finite.
 ARRAY = GetPydanticSchema(
     lambda source, handler: core_schema.no_info_plain_validator_function(
         _array, serialization=core_schema.plain_serializer_function_ser_schema(_listed)
@@ -82,10 +82,10 @@ ARRAY = GetPydanticSchema(
 )
 Kind = TypeVar("Kind")
 _NONE = GetPydanticSchema(lambda source, handler: core_schema.none_schema())
-# A field with a default that is there only while it is not stored; documents leave it out.
+# A field with a default that exists only in memory; documents leave it out.
 Unstored = Annotated[Kind, _NONE, SkipJsonSchema(), Field(exclude=True)]
 
-# A number that may be infinite, where nothing could be simulated; JSON has null for that.
+# A number that may be infinite, if nothing could be simulated; null in JSON.
 MaybeInfinite = Annotated[
     float,
     Field(allow_inf_nan=True, json_schema_extra={"type": ["number", "null"]}),
@@ -93,7 +93,7 @@ MaybeInfinite = Annotated[
     PlainSerializer(lambda value: None if math.isinf(value) else value, when_used="json"),
 ]
 Loss = Annotated[MaybeInfinite, Field(ge=0)]
-# What `jax.random.key` takes.
+# Keys accepted by `jax.random.key`.
 Key = Annotated[int, Field(ge=0, lt=2**64)]
 Parameters = dict[str, float]
 # Numbers, texts, lists and such mappings, by key.
@@ -108,7 +108,7 @@ def notice_to_dict(notice: Notice) -> Json:
 
 
 class Part(BaseModel):
-    """A part of a document: immutable, nothing unknown, nothing infinite."""
+    """A part of a document: immutable, without unknown keys or infinite numbers."""
 
     model_config = ConfigDict(
         frozen=True,
@@ -142,7 +142,7 @@ class Document(Part):
 
     @classmethod
     def from_json(cls, path: str | Path) -> Self:
-        """The document in a file. Raises `InputError` that names what is wrong with it."""
+        """The document in a file. Raises `InputError` that describes the fault."""
         if not isinstance(path, str | os.PathLike) or _TEXT.match(str(path)):
             given = "its text" if isinstance(path, str) else f"a {type(path).__name__}"
             raise InputError(f"from_json takes the name of a file, not {given}; {cls.remedy}")
@@ -166,7 +166,8 @@ class Document(Part):
 
     @classmethod
     def _require_version(cls, document: Json, file: str) -> None:
-        """Raise `InputError` for a file of another schema version, which says who wrote it."""
+        """Raise `InputError` for a file of another schema version, naming the version that wrote
+        it."""
         versioned = cls.model_fields.get("schema_version")
         (current,) = get_args(versioned.annotation) if versioned else (None,)
         version, versions = document.get("schema_version"), document.get("versions")
@@ -183,13 +184,13 @@ class Document(Part):
             file,
         ).error()
 
-    # What such a file is called in messages, and what to give instead of a file that is none.
+    # The name of such a file in messages, and the remedy for a file of another kind.
     what: ClassVar[str] = "barnax result"
     remedy: ClassVar[str] = "give the file that barnax wrote"
 
 
 class StoredNotice(Part):
-    """A notice as it is stored: its words too, for whoever reads the file without barnax."""
+    """A stored notice, including its words for readers of the file without barnax."""
 
     code: str
     severity: Severity
@@ -210,7 +211,7 @@ def _notice_of(stored: Any, read: Callable[[Any], StoredNotice]) -> Notice:
     try:
         return Notice(part.code, values, *where)
     except (KeyError, TypeError, ValueError, OverflowError):
-        # Of another version of barnax, or of nobody's: its words are taken as they are.
+        # From another version of barnax, or from elsewhere: its words are used unchanged.
         text = "; ".join(filter(None, (part.what, part.remedy)))
         return Notice("stored.text", {"text": text}, *where)
 
@@ -219,7 +220,7 @@ def _named(label: re.Match[str]) -> str:
     return next(f"_{name}" for name, unit in UNITS.items() if unit == label[1])
 
 
-# A notice as it is stored. One without a code that is known here is read as it was worded.
+# A stored notice. One with an unknown code is read with its stored words.
 _NOTICE = GetPydanticSchema(
     lambda source, handler: core_schema.no_info_wrap_validator_function(
         _notice_of,

@@ -1,7 +1,7 @@
-"""Options of a user, apart from the data: types, defaults, and what each option means.
+"""Options of a user, apart from the data: types, defaults, and the meaning of each option.
 
-`Job` has them all by these names; the command line makes its options of them, and their help of the
-lines of `Args`. Nothing heavy is loaded here."""
+`Job` has all of them by these names; the command line derives its options from them, and their help
+from the lines of `Args`. Nothing heavy is loaded here."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -15,37 +15,37 @@ AutoHold = Literal["auto", "forward", "backward", "centered"]
 OcvFit = Literal["polynomial", "interpolated"]
 HysteresisFit = Literal["continuous", "independent"]
 Over = Literal["soc", "soc,temperature"]
-# What resistances follow beside SOC.
+# Quantities besides SOC on which resistances depend.
 Follow = Literal[
     "auto", "none", "temperature", "heating", "current", "direction", "temperature,current",
     "heating,current", "temperature,direction", "heating,direction", "current,direction",
     "temperature,current,direction", "heating,current,direction",
 ]  # fmt: skip
 Trust = Literal["none", "basic", "full"]
-# How the state of charge at a start is known, where it was not given.
+# Sources of the state of charge at a start that was not given.
 SocSource = Literal[
     "full end", "empty end", "full voltage", "counters", "rest elsewhere", "own full charge",
     "own span", "registered", "fitted", "given earlier",
 ]  # fmt: skip
 OVER_TEMPERATURE: Over = "soc,temperature"
-# What a search may be asked for: more than fits a computer's memory is refused before any work.
+# Limits of a search: requests too large for a computer's memory are rejected before any work.
 LIMITS = {
     "seeds": (0, 100_000),
     "population": (4, 100_000),
     "iterations": (1, 10_000_000),
     "key": (0, 2**32 - 1),
 }
-# Closer below 20 % SOC, where resistances rise, and reaching below the lowest SOC of any record:
-# tables that end at 0 bend all that lies above.
+# Closer below 20 % SOC, where resistances rise, and extending below the lowest SOC of any record:
+# tables that end at 0 would bend everything above.
 NODES: tuple[float, ...] = (
     *(-0.05, -0.03, -0.015, 0.0, 0.025, 0.05, 0.1, 0.15, 0.2),
     *(0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0),
 )
-# Validation moves by 0.2 mV over four decades of this: it only ties nodes that no sample visits.
+# Validation changes by 0.2 mV over four decades of this: it only ties nodes that no sample visits.
 ROUGHNESS = 1e-4
 RESISTANCE_RIDGE, VOLTAGE_RIDGE = 1e-9, 1e-7
-# Blocks go to the folds in turn, and are short: 400 s of a discharge hold out SOC that no other
-# sample visits, and of 78 training sets chose three to four times as badly.
+# Blocks are assigned to the folds in turn, and are short: 400 s of a discharge hold out SOC that no
+# other sample visits, and on 78 training sets led to choices three to four times as bad.
 FOLDS, BLOCK_S = 5, 100.0
 
 
@@ -124,7 +124,7 @@ class Reading:
 
     @property
     def of_tables(self) -> dict[str, Any]:
-        """Columns and cells in series, as readers of files take them."""
+        """Columns and cells in series, as passed to readers of files."""
         return {"columns": self.columns, "series": self.series}
 
     @property
@@ -148,7 +148,7 @@ class Reading:
         return lags_s
 
     def of_record(self, name: str, role: str = "identification") -> dict[str, Any]:
-        """Sign, hold and lag of a record of that name and role, as readers and checks take them."""
+        """Sign, hold and lag of a record of that name and role, as passed to readers and checks."""
         signs = {"OCV test": self.ocv_current_sign, "validation": self.validate_current_sign}
         lags_s = self.lags_s
         how = {"current_hold": self.current_hold, "voltage_lag": lags_s.get(name, lags_s.get(""))}
@@ -171,7 +171,7 @@ class CellSettings:
 
     @property
     def of_curves(self) -> dict[str, Any]:
-        """Capacity and fits, as `characterize` takes them."""
+        """Capacity and fits, as passed to `characterize`."""
         how = {"ocv_fit": self.ocv_fit or "interpolated", "hysteresis_fit": self.hysteresis_fit}
         return {"ocv_capacity_ah": self.ocv_capacity, **how}
 
@@ -202,7 +202,7 @@ class TableOptions:
 
     Args:
         nodes: States of charge at which tables have a value: 17, from -0.05 to 1.
-        ocv_nodes: Those of an OCV that is fitted without an OCV test.
+        ocv_nodes: Nodes of an OCV that is fitted without an OCV test.
         ocv_correction: Fit a table that corrects the OCV, or not.
         rising_ocv: Let the corrected OCV only rise with SOC, as the OCV of a cell does, or leave
             the correction free.
@@ -213,14 +213,14 @@ class TableOptions:
         voltage_ridge: Weight of squared voltages.
         proved_share: A fit is certified if its sqrt(J) is proved to be within this share of the
             lowest.
-        max_boxes: At most so many boxes of time constants for the proof; 0 means no proof.
+        max_boxes: Largest number of boxes of time constants for the proof; 0 means no proof.
         resistances_follow: What resistances depend on besides SOC: the measured temperature, the
             cell's heating by its current, the current (Butler and Volmer), its direction, or none;
             auto takes those that lower the held-out errors.
         keep_starts: Keep every record's start and capacity as given; by default those of several
             records of one cell are adjusted by a few tenths of a percent.
         folds: Folds of the cross-validation, blocks held out in turn; 0 means none.
-        block_s: Longest held-out block in s, less for a record that has no five of them in a fold.
+        block_s: Longest held-out block in s; shorter if a record has fewer than five per fold.
     """
 
     nodes: tuple[float, ...] = NODES
@@ -244,8 +244,8 @@ def _pair(text: str) -> tuple[float, float]:
     return low, high
 
 
-# What is known of a record, as options and tables give it: the field it is of a `Window`, how its
-# text is read (`ValueError` where it is none), and an example of one.
+# Values known about a record, as options and tables give them: the corresponding field of a
+# `Window`, the parser of its text (`ValueError` if it is invalid), and an example.
 WINDOW_OPTIONS: dict[str, tuple[str, Callable[[str], Any], str]] = {
     "capacity": ("capacity_ah", float, "5"),
     "temperature": ("temperature_degc", float, "25"),
@@ -260,12 +260,12 @@ WINDOW_OPTIONS: dict[str, tuple[str, Callable[[str], Any], str]] = {
     "rest_current": ("rest_current_a", float, "5"),
 }
 
-# What is no cell's temperature is of another unit, or of a sensor that is not there.
+# A temperature outside this range is in another unit, or from a missing sensor.
 CELL_DEGC = (-100.0, 200.0)
 
 
 def is_temperature(degc: float) -> bool:
-    """True if it may be a cell's.
+    """True if it may be a cell's temperature.
 
     >>> is_temperature(25.0), is_temperature(298.15)
     (True, False)
@@ -273,17 +273,18 @@ def is_temperature(degc: float) -> bool:
     return CELL_DEGC[0] < degc < CELL_DEGC[1]
 
 
-# The start of a record to validate on is moved by at most so much, to see what that gains.
+# Largest shift of a validation record's start, to determine its benefit.
 MAX_MOVED_SOC = 0.03
 
 
 @dataclass(frozen=True)
 class Registration:
-    """A record's start and capacity by other records of the cell or its OCV test, or its start by
-    the fit of the circuit, with 95 % intervals, and what was told of them before. SOC is scaled so
-    that what was told is right on average; by records, intervals are on that axis. An offset of the
-    current that records share is in A, discharge positive, with its standard error; `follows` has
-    the names of a `Dependence`, and `given_sd` is the standard error of `given_soc`."""
+    """A record's start and capacity from other records of the cell or its OCV test, or its start
+    from the fit of the circuit, with 95 % intervals, and the values given before. SOC is scaled so
+    that the given values are right on average; with other records, intervals are on that axis. An
+    offset of the current shared by the records is in A, discharge positive, with its standard
+    error; `follows` has the names of a `Dependence`, and `given_sd` is the standard error of
+    `given_soc`."""
 
     given: "Window"
     given_soc: float
@@ -308,7 +309,7 @@ class Registration:
 
 @dataclass(frozen=True)
 class Window:
-    """The part of a record that is simulated and counted, and what is known about its start.
+    """The simulated and scored part of a record, and the knowledge about its start.
 
     Args:
         start_time_s: Time in the file at which the simulation starts.
@@ -323,8 +324,8 @@ class Window:
             charge, -1 discharge (default: both are tried).
         capacity_ah: Capacity when the record was measured (default: that of the OCV test).
         temperature_degc: Temperature in degC (default: the median of the record's column).
-        soc_source: What `initial_soc` is known from, where it was not given.
-        registration: What start and capacity were before they were registered.
+        soc_source: Source of `initial_soc`, if it was not given.
+        registration: Start and capacity before registration.
 
     Raises `InputError` if these contradict each other.
     """
@@ -352,7 +353,7 @@ class Window:
         for option, (name, *_) in WINDOW_OPTIONS.items():
             require_number(option, getattr(self, name), Window.__annotations__[name])
         for name in ("score_steps", "score_soc"):
-            # As a warning about the file prints them.
+            # As printed in a warning about the file.
             if isinstance(text := getattr(self, name), str):
                 _, read, example = WINDOW_OPTIONS[name]
                 try:
@@ -361,7 +362,7 @@ class Window:
                     raise InputError(f"`{name}` {text!r} is not as in {example}") from None
         if self.start_time_s is not None and self.start_after_step is not None:
             raise InputError("give `start_time` or `start_after_step`, not both")
-        # What is counted from where the data show it may go a little beyond.
+        # A count from where the data show the SOC may go slightly beyond.
         is_given = self.initial_soc is not None and self.soc_source is None
         if is_given and not 0 <= (self.initial_soc or 0.0) <= 1:
             raise InputError(
@@ -390,7 +391,7 @@ class Window:
 
     @property
     def is_chosen(self) -> bool:
-        """True if it says where to start or what to score."""
+        """True if it sets the start or the scored samples."""
         return self != Window(
             rest_current_a=self.rest_current_a,
             initial_direction=self.initial_direction,

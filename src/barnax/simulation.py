@@ -1,4 +1,4 @@
-"""A result's circuit on a current of one's own: the voltage and the state of charge that follow."""
+"""A result's circuit on a current of your own: the resulting voltage and state of charge."""
 
 import warnings
 from collections.abc import Iterator, Mapping
@@ -25,7 +25,7 @@ NAME = "the current"
 # A charge-positive current is the usual mistake.
 REMEDY = "check `initial_soc` and the sign of the current (discharge is positive)"
 
-# What is so many times the largest current of the identification is far from it.
+# Currents above this multiple of the largest in the identification are far from it.
 FAR_CURRENT = 1.5
 
 
@@ -37,7 +37,7 @@ class Simulated(NamedTuple):
 
 
 class Load(NamedTuple):
-    """A current over time, and what its columns are called."""
+    """A current over time, and the names of its columns."""
 
     time_s: Float[np.ndarray, "samples"]
     current_a: Float[np.ndarray, "samples"]
@@ -53,7 +53,7 @@ def simulate_frame(
     temperature_degc: float | None = None,
     **given: Any,
 ) -> Any:
-    """The columns that `Result.simulate` gives, of the same kind as `current`."""
+    """The columns of `Result.simulate`, of the same kind as `current`."""
     if time is not None:
         current = {"Time [s]": time, "Current [A]": current}
     elif isinstance(current, list | tuple) or (hasattr(current, "ndim") and current.ndim == 1):
@@ -64,7 +64,7 @@ def simulate_frame(
     given |= {"temperature_degc": temperature_degc, "measured_degc": profile.temperature_degc}
     simulated = simulate_current(result, time_s, current_a, **given)
     for doubt in _doubts(result, profile, simulated.soc, temperature_degc):
-        # Told of the line that calls `Result.simulate`.
+        # Attributed to the line that calls `Result.simulate`.
         warnings.warn(str(doubt), stacklevel=3)
     columns = {
         "Time [s]": time_s,
@@ -81,7 +81,7 @@ def simulate_frame(
 
 
 def _columns(frame: Any) -> Load:
-    """The time in s and the current in A of a frame, by the names that records have too."""
+    """The time in s and the current in A of a frame, under the column names that records use."""
     if isinstance(frame, Mapping):
         lengths = {str(name): np.size(values) for name, values in frame.items()}
         short, long = (pick(lengths, key=lengths.__getitem__, default="") for pick in (min, max))
@@ -107,7 +107,7 @@ def _columns(frame: Any) -> Load:
 def _doubts(
     result: Result, profile: Load, soc: Float[np.ndarray, "samples"], given_degc: float | None
 ) -> Iterator[Notice]:
-    """Notices that a simulation goes beyond what the answer was identified on."""
+    """Notices that a simulation goes beyond the range of the identification."""
     parts = result.of_role("identification")
     max_a = max((part.peak_current_a or 0.0 for part in parts), default=0.0)
     far = np.flatnonzero(np.abs(profile.current_a) > FAR_CURRENT * max_a)
@@ -155,8 +155,8 @@ def simulate_current(
 ) -> Simulated:
     """A result's circuit, or its tables, on a current that is held from each time to the next.
 
-    Starts as the identification did where nothing else is given. Raises `InputError` as
-    `Result.simulate` does.
+    Starts like the identification unless given otherwise. Raises `InputError` as `Result.simulate`
+    does.
     """
     result = _at(result, temperature_degc)
     cell, circuit = result.cell_at(), result.circuit_parameters
@@ -167,7 +167,7 @@ def simulate_current(
         circuit = replace(circuit, dependence=None)
     start = result.start
     start_soc = start.soc if initial_soc is None else initial_soc
-    # Counted charge may put a start a little beyond full or empty.
+    # Counted charge may put a start slightly beyond full or empty.
     parts = result.of_role("identification")
     ends = [part.start.soc for part in parts if part.start is not None]
     ends += [soc for part in parts for soc in part.soc_range or ()]
@@ -183,7 +183,7 @@ def simulate_current(
     discharged_ah = np.cumsum(current_a[:-1] * np.diff(time_s)) / 3600
     soc = start_soc - np.concatenate([[0.0], discharged_ah]) / cell.capacity_ah
     low, high = cell.soc_range
-    # What was identified on may leave the OCV too, where its samples do not count.
+    # Identified records may leave the OCV too, at samples that are not scored.
     lowest, highest = min(low, *ends), max(high, *ends)
     far = np.flatnonzero((soc < lowest - OCV_MARGIN) | (soc > highest + OCV_MARGIN))
     if len(far):
@@ -192,7 +192,7 @@ def simulate_current(
             f"{time_s[far[0]]:g} s (sample {far[0]}), but its OCV and the records identified on "
             f"reach from {lowest:.3f} to {highest:.3f} only; {REMEDY}, or end before"
         )
-    # Nothing is measured here; a simulation does not look at the voltage.
+    # Nothing is measured here; a simulation does not use the voltage.
     signals = time_s, current_a, cell.average_ocv_v(soc)
     record = Record.of_load(NAME, *signals, temperature_degc=measured_degc)
     prepared = prepare_record(record, cell, result.model, window, is_measured=False)
@@ -200,7 +200,7 @@ def simulate_current(
 
 
 def _require_numbers(profile: Load) -> None:
-    """Raise `InputError` for what is no current over time."""
+    """Raise `InputError` for anything other than a current over time."""
     time_s, current_a, names, _ = profile
     if time_s.ndim != 1 or time_s.shape != current_a.shape or len(time_s) < 2:
         raise InputError(
@@ -224,7 +224,7 @@ def _require_numbers(profile: Load) -> None:
 
 
 def _at(result: Result, degc: float | None) -> Result:
-    """The result at a temperature, where it says something of that."""
+    """The result at a temperature, if it covers that."""
     if measured_degc := result.fits.temperatures_degc:
         low, high = measured_degc[0], measured_degc[-1]
         if degc is None or not low - SAME_DEGC <= degc <= high + SAME_DEGC:

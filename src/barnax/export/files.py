@@ -156,8 +156,7 @@ def _means(result: Result) -> Iterator[tuple[str, float, str]]:
 
 
 def _beside(result: Result) -> Iterator[tuple[str, float, str]]:
-    """The numbers of the resistance law, and the conditions to which the given resistances
-    apply."""
+    """The numbers of the resistance law, with the meaning of the given resistances."""
     for degc, fit in result.fits.by_degc:
         law = fit.tables.dependence
         where = "" if degc is None else f", {degc:.4g} degC"

@@ -141,7 +141,7 @@ def test_what_an_interval_moves_of_ocv_and_hysteresis_is_taken_for_r0(circuit, h
     # A slow difference is charge that was counted from another first sample.
     moved_v, step_a = np.diff(voltage_v[other] - voltage_v[hold]), np.diff(current_a)
     direct_ohm = -(moved_v @ step_a) / (step_a @ step_a)
-    shift_ohm = source_shift_ohm(hold, other, own[hold], parameters)
+    shift_ohm = source_shift_ohm(own[hold], other, parameters)
     assert abs(direct_ohm) > 1e-4
     assert shift_ohm == pytest.approx(-direct_ohm, rel=0.1)
 

@@ -135,11 +135,16 @@ def identified(cell: FleetCell, settings: Options) -> tuple[Result, tuple[Notice
     return result, tuple(dict.fromkeys((*result.warnings, *of_tests, *more)))
 
 
-def _job_on_files(cell: FleetCell, settings: Options) -> Job:
-    """The job on the records of a cell. Raises `InputError` if a file is missing."""
+def _job_of_cell(cell: FleetCell, settings: Options) -> Job:
+    """The job of a cell without its records. Raises `InputError` if a file is missing."""
     if cell.missing:
         raise InputError(f"{'; '.join(cell.missing)}: correct the name in the manifest")
-    job = job_of(settings).changed(**cell.options, bounds=cell.bounds, window=_windows(cell))
+    return job_of(settings).changed(**cell.options, bounds=cell.bounds)
+
+
+def _job_on_files(cell: FleetCell, settings: Options) -> Job:
+    """The job on the records of a cell."""
+    job = _job_of_cell(cell, settings).changed(window=_windows(cell))
     paths, loggers = (*cell.records, *cell.validate), settings.get("loggers")
     # Files whose roles have yet to be determined stay files.
     if loggers and (cell.ocv or cell.cell is not None):
@@ -182,10 +187,8 @@ def pack_rows(pack: Pack, name: str) -> list[Row]:
 
 def _refitted(cell: FleetCell, settings: Options) -> Row:
     """The row for records of which only factors were kept, without their origin."""
-    if cell.missing:
-        raise InputError(f"{'; '.join(cell.missing)}: correct the name in the manifest")
+    job = _job_of_cell(cell, settings)
     factors = [record for path in cell.records for record in read_factors(path)]
-    job = job_of(settings).changed(**cell.options, bounds=cell.bounds)
     if job.model not in (None, factors[0].circuit):
         raise InputError(
             f"the factors are of {factors[0].circuit}, and {job.model} was asked for; identify the "

@@ -25,7 +25,7 @@ from ..execution import as_input
 from .exponentials import Span
 from .layout import NEGLIGIBLE_V, Layout, ends_of, shorten, spans_between
 from .prepared import PreparedRecord
-from .reduced import reduce_records, scored_alone
+from .reduced import reduce_records
 from .search_space import SCALES, Bounds, Range, Scale
 from .simulate import AbstractEvaluator, RCParameters
 
@@ -227,7 +227,7 @@ def compress(records: Sequence[PreparedRecord], box: Coordinates) -> Compressed:
     """
     spans = in_tau, in_rate = spans_between(ends_of(records, *box.spans))
     layout = Layout(ANYWHERE, ANYWHERE, *spans, has_correction=False, has_amplitude=False)
-    groups = [scored_alone(prepared) for prepared in records]
+    groups = [prepared.scored.astype(np.int32) - 1 for prepared in records]
     (reduced,) = reduce_records(records, layout, groups, 1)
     factor, count = reduced.factor, len(in_tau.skeleton)
     # The columns of all nodes from those of the skeletons; the last two stay.

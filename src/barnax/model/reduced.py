@@ -7,7 +7,7 @@ time constants x nodes, other columns, base error] gives the columns of all.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from functools import reduce
@@ -44,8 +44,6 @@ TAU_STEP = 8
 CHANNELS = 4
 
 Columns = Float[np.ndarray, "rows columns"]
-# The group number of each of some samples of a record.
-Groups = Callable[[slice], Int[np.ndarray, "samples"]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,30 +98,25 @@ class Reduced:
         return Reduced(layout, self.scored, np.concatenate([columns(n) for n in kept], axis=1))
 
 
-def scored_alone(prepared: PreparedRecord) -> Groups:
-    """One group of all scored samples of a record."""
-    return lambda here: prepared.scored[here].astype(int) - 1
-
-
 @in_float64
 def reduce_records(
     prepared_records: Sequence[PreparedRecord],
     layout: Layout,
-    groups: Sequence[Groups],
+    groups: Sequence[Int[np.ndarray, "simulated"]],
     count: int,
     voltage_offsets_v: Float[np.ndarray, "simulated voltages"] | None = None,
 ) -> list[Reduced]:
     """The factor of each of `count` groups of samples; `groups` number those of every record, -1
-    for samples that are not scored. Only one block of samples is in memory at a time. For a single
-    record, `voltage_offsets_v` is the voltage of every side minus the record's.
+    for samples that are not scored. The columns of one block of samples are in memory at a time.
+    For a single record, `voltage_offsets_v` are the voltages minus the record's.
     """
     order = by_first_visit(prepared_records, layout)
     chains: dict[tuple[int, int], Future] = {}
     scored = np.zeros(count, int)
     with threads(CHAINS) as pool:
-        for prepared, group_of in zip(prepared_records, groups, strict=True):
+        for prepared, group_of_sample in zip(prepared_records, groups, strict=True):
             for turn, block in enumerate(blocks(prepared, layout, voltage_offsets_v)):
-                numbers = group_of(block.here)
+                numbers = group_of_sample[block.here]
                 for group in np.unique(numbers[numbers >= 0]).tolist():
                     is_member = numbers == group
                     scored[group] += np.count_nonzero(is_member)

@@ -6,13 +6,13 @@ under a current that flowed before the sample; and in between if it is a share o
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..cell import CircuitParameters
-from ..cell.elements import rungs_of
+from ..cell.elements import Rung, rungs_of
 from ..records import Hold
 from ..records.record import EARLIER_SHARE
 from .exponentials import AT_ONCE
@@ -99,11 +99,10 @@ def resampling(
     prepared = assumed_in(records)
     if prepared is None:
         return None
-    sampling, interval_s = prepared.record.hold.value, prepared.median_interval_s
-    other = other_sampling(sampling)
-    moved_ohm = shift_ohm(sampling, other, circuit, ohm, interval_s)
-    moved_ohm += source_shift_ohm(sampling, other, prepared, circuit)
-    return Resampling(moved_ohm, resistance_shares(sampling, other, circuit, interval_s))
+    other = other_sampling(prepared.record.hold.value)
+    moved_ohm = shift_ohm(prepared, other, circuit, ohm)
+    moved_ohm += source_shift_ohm(prepared, other, circuit)
+    return Resampling(moved_ohm, resistance_shares(prepared, other, circuit))
 
 
 def means_shifts_ohm(
@@ -113,44 +112,45 @@ def means_shifts_ohm(
     before and half that of the one after: the change for a current that was constant in each of
     them, in either direction, because its course within a row is unknown."""
     prepared = assumed_in(records) or records[0]
-    sampling = prepared.record.hold.value
-    if sampling != "centered":
+    if prepared.record.hold.value != "centered":
         return ()
-    moved_ohm = shift_ohm(sampling, "means", circuit, ohm, prepared.median_interval_s)
+    moved_ohm = shift_ohm(prepared, "means", circuit, ohm)
     return moved_ohm, -moved_ohm
 
 
+def _responses(
+    prepared: PreparedRecord, other: str, circuit: CircuitParameters, least: float = 0.0
+) -> Iterator[tuple[Rung, tuple[float, float], tuple[float, float]]]:
+    """Every RC pair with its `_response` by the record's sampling and by another; at least `least`
+    of it is left after an interval."""
+    for pair in rungs_of(circuit.elements):
+        tau_s = circuit.tau_s[pair.element] * pair.ratio
+        kept = max(math.exp(-prepared.median_interval_s / tau_s), least)
+        yield pair, _response(prepared.record.hold.value, kept), _response(other, kept)
+
+
 def shift_ohm(
-    sampling: str,
-    other: str,
-    circuit: CircuitParameters,
-    ohm: Mapping[str, float],
-    interval_s: float,
+    prepared: PreparedRecord, other: str, circuit: CircuitParameters, ohm: Mapping[str, float]
 ) -> float:
     """The change of R0 in ohm between samplings.
 
     Args:
-        sampling: The sampling with which the circuit was fitted.
+        prepared: A record with the sampling with which the circuit was fitted.
         other: Another, or "means": of a current that was constant in each row.
         circuit: Elements and time constants.
         ohm: The resistance of every element by name.
-        interval_s: Interval of the clock in s.
     """
-    pairs = rungs_of(circuit.elements)
     # For a mixture, pairs far faster than the sampling move to R0 as a whole.
-    least = math.exp(-AT_ONCE) if all(pair.share == 1 for pair in pairs) else 0.5
+    is_mixed = any(pair.share != 1 for pair in rungs_of(circuit.elements))
     moved_ohm = 0.0
-    for pair in pairs:
-        kept = max(math.exp(-interval_s / (circuit.tau_s[pair.element] * pair.ratio)), least)
-        first, others = _answer(sampling, kept), _answer(other, kept)
+    least = 0.5 if is_mixed else math.exp(-AT_ONCE)
+    for pair, first, others in _responses(prepared, other, circuit, least):
         whole_ohm = ohm[circuit.names[pair.element].resistance] * pair.share
         moved_ohm += whole_ohm * (first[0] - first[1] / others[1] * others[0])
     return moved_ohm
 
 
-def source_shift_ohm(
-    sampling: str, other: str, prepared: PreparedRecord, circuit: CircuitParameters
-) -> float:
+def source_shift_ohm(prepared: PreparedRecord, other: str, circuit: CircuitParameters) -> float:
     """The change of R0 in ohm due to the OCV, and a hysteresis that depends on it, moving with the
     charge of an interval: a sample's current removes that before it appears in the sample. It is
     the regression of that voltage's steps on the current that flows meanwhile."""
@@ -165,25 +165,23 @@ def source_shift_ohm(
     steps_v, flowing_a = np.diff(source_v)[is_usual], prepared.held_a[:-1][is_usual]
     flowing_a = flowing_a - flowing_a.mean()
     ohm = -(steps_v @ flowing_a) / max(flowing_a @ flowing_a, np.finfo(float).tiny)
-    return float(ohm * (before[sampling] - before[other]))
+    return float(ohm * (before[prepared.record.hold.value] - before[other]))
 
 
 def resistance_shares(
-    sampling: str, other: str, circuit: CircuitParameters, interval_s: float
+    prepared: PreparedRecord, other: str, circuit: CircuitParameters
 ) -> dict[str, float]:
     """The relative increase of the resistance of every RC pair that gives the same response in
     later samples. Elements of several pairs are omitted."""
     shares = {}
-    for pair in rungs_of(circuit.elements):
-        kept = math.exp(-interval_s / (circuit.tau_s[pair.element] * pair.ratio))
-        first, others = (_answer(each, kept)[1] for each in (sampling, other))
+    for pair, (_, first), (_, others) in _responses(prepared, other, circuit):
         # A response that ends within a sample appears in no later one.
         if pair.share == 1 and others > GONE:
             shares[circuit.names[pair.element].resistance] = first / others - 1
     return shares
 
 
-def _answer(sampling: str, kept: float) -> tuple[float, float]:
+def _response(sampling: str, kept: float) -> tuple[float, float]:
     """A pair's response in its own sample, and its apparent size under a current that flows after
     it, as shares of it; `kept` is the share left after an interval."""
     if sampling == "centered":

@@ -19,7 +19,7 @@ from ..cell.soc_axis import ABOVE_SOC, is_above
 from .objective import Solution, TableObjective
 
 # The ends of the interval to expect on another record.
-RECORD_ENDS = ("record_low", "record_high")
+ENDS = ("low", "high", "record_low", "record_high")
 # A value closer to an end than this share of its interval is at that end.
 AT_EDGE = 0.01
 
@@ -59,8 +59,7 @@ class NodeInterval:
 
     def as_undetermined(self) -> "NodeInterval":
         """A copy that is not determined."""
-        ends = dict.fromkeys(("low", "high", "record_low", "record_high"))
-        return replace(self, standard_error=0.0, **ends)
+        return replace(self, standard_error=0.0, **dict.fromkeys(ENDS))
 
     def between(self, other: "NodeInterval", soc: float) -> "NodeInterval":
         """The interval interpolated on the line to another node; the true one is no wider, because
@@ -69,7 +68,7 @@ class NodeInterval:
         share = (soc - first) / (last - first)
         pairs = {
             name: (getattr(self, name), getattr(other, name))
-            for name in ("value", "standard_error", "bias", "low", "high", *RECORD_ENDS)
+            for name in ("value", "standard_error", "bias", *ENDS)
         }
         lines = {
             name: None if None in pair else (1 - share) * pair[0] + share * pair[1]
@@ -80,10 +79,7 @@ class NodeInterval:
 
     def moved(self, by: float) -> "NodeInterval":
         """A copy with value and interval shifted."""
-        ends = {
-            name: None if (end := getattr(self, name)) is None else end + by
-            for name in ("low", "high", "record_low", "record_high")
-        }
+        ends = {name: None if (end := getattr(self, name)) is None else end + by for name in ENDS}
         return replace(self, value=self.value + by, **ends)
 
     def spanning(self, shifts: Sequence[float]) -> "NodeInterval":

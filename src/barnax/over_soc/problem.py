@@ -4,7 +4,6 @@ searched constants, and reduced factors."""
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,7 @@ from ..model.descent import Descended, GridSizes, LogScales, Polished, lowest_sc
 from ..model.exponentials import AT_ONCE, span_through
 from ..model.layout import Layout, span_ends, spans_between
 from ..model.prepared import PreparedRecord
-from ..model.reduced import Groups, combine_factors, reduce_records, scored_alone
+from ..model.reduced import combine_factors, reduce_records
 from ..model.sampling import FASTEST_TAU_S
 from ..model.search_space import RATE_RANGE, Range
 from ..records.record import LEAST_REACH, reach_of_steps
@@ -173,35 +172,32 @@ BANDS = (-math.inf, 0.03, ABOVE_SOC)
 
 
 def block_numbers(
-    prepared: PreparedRecord, settings: TableSettings, here: slice = slice(None)
-) -> Int[np.ndarray, "samples"]:
-    """The block of each of some samples of a record, -1 where one is not scored."""
-    scored = prepared.scored[here]
-    since_s = prepared.time_s[here] - prepared.time_s[np.argmax(prepared.scored)]
-    return np.where(scored, np.floor(since_s / block_length_s(prepared, settings)), -1).astype(int)
+    prepared: PreparedRecord, settings: TableSettings
+) -> Int[np.ndarray, "simulated"]:
+    """The block of each sample of a record, -1 where one is not scored."""
+    since_s = prepared.time_s - prepared.time_s[np.argmax(prepared.scored)]
+    block = np.floor(since_s / block_length_s(prepared, settings)).astype(np.int32)
+    return np.where(prepared.scored, block, -1)
 
 
 def blocks_of(
     prepared_records: Sequence[PreparedRecord], settings: TableSettings
-) -> tuple[list[Groups], int]:
-    """Functions that number the groups of a record's samples, -1 for one that is not scored, and
-    the number of groups.
+) -> tuple[list[Int[np.ndarray, "simulated"]], int]:
+    """The group of each sample of every record, -1 for one that is not scored, and the number of
+    groups.
 
     A record has two groups per fold, one fold after the other: its samples below 10 % SOC and those
     above, in every `folds`-th block.
     """
     folds = settings.folds
     if not folds:
-        return [*map(scored_alone, prepared_records)], 1
-
-    def group_of(here: slice, number: int) -> Int[np.ndarray, "samples"]:
-        prepared = prepared_records[number]
-        block = block_numbers(prepared, settings, here)
-        group = 2 * (number * folds + block % folds) + is_above(prepared.soc[here])
-        return np.where(block >= 0, group, -1)
-
-    count = len(prepared_records)
-    return [partial(group_of, number=n) for n in range(count)], 2 * folds * count
+        return [prepared.scored.astype(np.int32) - 1 for prepared in prepared_records], 1
+    groups = []
+    for number, prepared in enumerate(prepared_records):
+        block = block_numbers(prepared, settings)
+        group = 2 * (number * folds + block % folds) + is_above(prepared.soc)
+        groups.append(np.where(block >= 0, group, -1))
+    return groups, 2 * folds * len(groups)
 
 
 def supports_leave_one_out(prepared_records: Sequence[PreparedRecord]) -> bool:

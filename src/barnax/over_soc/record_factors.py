@@ -193,11 +193,8 @@ def factors_of_cells(
     named = [f"{record} {name}" for name in names] or [record]
     layout = replace(grid.layout, voltages=len(named))
     nodes, ocv_nodes = np.array(layout.nodes), np.array(layout.ocv_nodes)
-
-    def below_or_above(here: slice):
-        return np.where(simulated.scored[here], is_above(simulated.soc[here]), -1)
-
-    below, above = reduce_records([simulated], layout, [below_or_above], 2, voltage_offsets_v)
+    band = np.where(simulated.scored, is_above(simulated.soc), -1)
+    below, above = reduce_records([simulated], layout, [band], 2, voltage_offsets_v)
     has_slopes = layout.has_correction
     slopes_v = simulated.cell.least_ocv_slopes(ocv_nodes) if has_slopes else np.empty(0)
     facts = {name: getattr(simulated, name) for name in FACTS}

@@ -198,15 +198,14 @@ def shared_offset(
     prior: Float[np.ndarray, "records two"],
     registered_v: float,
 ) -> CurrentOffset | None:
-    """The offset of the current that records share; None if they do not tell one, and where the
+    """The offset of the current shared by the records; None if they do not determine one, or if the
     current of one of them reads zero at rest.
 
-    The offset of the current shared by the records; None if they do not determine one, or if the
-    current of one of them reads zero at rest.
-        objective: That of the records as they were told.
+    Args:
         objective: The objective of the records as given.
         best: Its best tables.
         prior: Standard deviations of the given starts, and of the given capacities as shares.
+        registered_v: sqrt(J) with starts and capacities registered, and no offset.
     """
     if any(map(reads_zero_at_rest, objective.prepared_records)):
         return None
@@ -230,7 +229,7 @@ def shared_offset(
             return None
         objective = moved
         best = objective.solve(tuple(log_scales.tolist()))
-        # A slow pair may have stood for the offset, up to where no step leads back.
+        # A slow pair may have absorbed the offset so far that no step leads back.
         if number == 1:
             best = polish(objective, best)
             log_scales = np.array(best.log_scales)
@@ -238,7 +237,7 @@ def shared_offset(
         estimated = estimate(objective, best, _of_starts_and_offset, before, [sds])[0]
         log_scales = np.clip(log_scales + estimated.moved_scales, lowest, highest)
         shifts = estimated.values[:-1].reshape(prior.shape)
-        # A slow pair may have absorbed the offset so far that no step leads back.
+        # SOC is scaled so that the given values are right on average.
         shifts = shifts - np.average(shifts, axis=0, weights=prior**-2.0)
         offset_a, error_a = float(estimated.values[-1]), float(estimated.errors[-1])
         farthest_a = abs(offset_a) + LEAST_ERRORS * error_a
@@ -254,26 +253,25 @@ def shared_offset(
 
 
 def reads_zero_at_rest(prepared: PreparedRecord) -> bool:
-    """SOC is scaled so that the given values are right on average."""
+    """True if rests show that the current has no offset. The remains of a hysteresis look like an
+    offset on a flat OCV, so evidence from the voltages does not count against it."""
     per_h = prepared.current_a / prepared.capacity_ah
     small = per_h[np.abs(per_h) < SMALL_PER_H]
     if len(small) * prepared.median_interval_s < LEAST_REST_S:
         return False
-    # True if rests show that the current has no offset. The remains of a hysteresis look like an
-    # offset on a flat OCV, so evidence from the voltages does not count against it.
+    # A load passes through zero too, but does not stay there; a rest with an offset stays near it.
     level = float(np.median(small))
     stays = np.mean(np.abs(small - level) < SMALL_PER_H / 4) > STAYS
     return bool(stays) and abs(level) < ZERO_PER_H
 
 
 def offset_effect(objective: TableObjective, best: Solution) -> OffsetEffect | None:
-    """A load passes through zero too, but does not stay there; a rest with an offset stays near
-    it."""
+    """The effect of an offset of `DOUBTED_PER_H` on tables fitted to one record with its own OCV,
+    whose time constants move with it; None if it would leave the SOC axis, or no resistance is
+    positive."""
     (prepared,) = objective.prepared_records
     offset_a = DOUBTED_PER_H * prepared.capacity_ah
-    # The effect of an offset of `DOUBTED_PER_H` on tables fitted to one record with its own OCV,
-    # whose time constants move with it; None if it would leave the SOC axis, or no resistance is
-    # positive.
+    # The same SOC range as without the offset, so that the same states are compared.
     full, empty = int(np.argmax(prepared.soc)), int(np.argmin(prepared.soc))
     hours = float(prepared.time_s[empty] - prepared.time_s[full]) / 3600
     share = -DOUBTED_PER_H * hours / float(np.ptp(prepared.soc))
@@ -300,7 +298,7 @@ def offset_effect(objective: TableObjective, best: Solution) -> OffsetEffect | N
 def _of_starts_and_offset(
     objective: TableObjective, best: Solution, index: int
 ) -> Float[np.ndarray, "samples nuisances"]:
-    """The same SOC range as without the offset, so that the same states are compared."""
+    """The columns of starts and capacities, and of an offset of the current shared by all."""
     prepared = objective.prepared_records[index]
     soc, (nodes, ocv_v) = prepared.soc[prepared.scored], objective.ocv_at(best)
     half = STEP_SOC / 2

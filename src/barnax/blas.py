@@ -13,7 +13,8 @@ from threadpoolctl import ThreadpoolController
 
 
 class _Libraries(NamedTuple):
-    """The number of threads, either for the process or separately for every thread of Python."""
+    """Libraries with one number of threads for the process, and those with one per Python
+    thread."""
 
     per_process: ThreadpoolController
     per_thread: ThreadpoolController

@@ -115,8 +115,8 @@ def _head_of(record: RecordFactors, parts: tuple[_Part, _Part]) -> _Head:
 
 
 def _trapezoid(factor: Float[np.ndarray, "rows columns"]) -> tuple[Int[np.ndarray, "used"], Any]:
-    """The columns in use, ordered by the number of leading zeros, and their rows: upper
-    trapezoidal, because pivoting has permuted a triangle."""
+    """The columns in use, the shortest first, and their rows: upper trapezoidal, because pivoting
+    has permuted a triangle."""
     lengths = np.array([np.max(np.flatnonzero(c), initial=-1) for c in factor.T])
     order = np.argsort(lengths, kind="stable")
     order = order[lengths[order] >= 0].astype("<i4")

@@ -89,7 +89,7 @@ def kinds() -> Mapping[str, Kind]:
 
 @dataclass(frozen=True, repr=False)
 class Notice:
-    """An error, a warning or a note; printed, its sentence with what to do.
+    """An error, a warning or a note; printed as its sentence with the remedy.
 
     An `error` makes an input unusable as it is, or everything computed from it wrong. A `warning`
     leaves it usable, with a loss or with an option. Both count for the exit status. A `note`

@@ -206,7 +206,7 @@ def _read(path: Path) -> bytes | None:
 
 
 def _digest(path: Path, content: bytes) -> bytes:
-    """The digest of a program and of its inputs, which are its file's name."""
+    """The digest of a program and of its file's name, which stands for all its inputs."""
     return hashlib.sha256(path.name.encode() + content).digest()
 
 

@@ -153,7 +153,7 @@ class InputPart(Part):
 
     @classmethod
     def of(cls, role: Any, record: Record | OcvTable) -> Self:
-        """A file that was read, with what was decided about it."""
+        """A file that was read, with the decisions about it."""
         if isinstance(record, OcvTable):
             return cls(role=role, name=record.name, sha256=record.sha256)
         how = {"sign": record.sign, "hold": record.hold, "voltage_lag_s": record.voltage_lag_s}

@@ -137,7 +137,7 @@ class Document(Part):
 
     @classmethod
     def json_schema(cls) -> Json:
-        """The JSON Schema of such a file."""
+        """The JSON Schema of the document."""
         return cls.model_json_schema(by_alias=True)
 
     @classmethod
@@ -184,7 +184,7 @@ class Document(Part):
             file,
         ).error()
 
-    # The name of such a file in messages, and the remedy for a file of another kind.
+    # The name of the document in messages, and the remedy for a file of another kind.
     what: ClassVar[str] = "barnax result"
     remedy: ClassVar[str] = "give the file that barnax wrote"
 

@@ -8,10 +8,10 @@ noise alone, a rest of an hour would look as valuable as a pulse.
 
 On a drive cycle, most of the error is not noise. A cell is more than its circuit: it also relaxes
 with other time constants, and its resistances fall with the current. The tables absorb the effect
-of such columns F, wrongly if the drive differs from the test: of a deviation F w the fit leaves (F
-- J H^-1 J_t' F_t) w on the drive. Its square, over w of independent unit size, distinguishes tests
-(bias and variance of a response surface; Box and Draper, 1959). Products add up over pieces with
-uncorrelated errors."""
+of such columns F, wrongly if the drive differs from the test: of a deviation F w the fit leaves
+(F - J H^-1 J_t' F_t) w on the drive. Its square, over w of independent unit size, distinguishes
+tests (bias and variance of a response surface; Box and Draper, 1959). Products add up over pieces
+with uncorrelated errors."""
 
 import math
 from collections.abc import Mapping, Sequence

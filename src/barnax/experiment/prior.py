@@ -318,7 +318,7 @@ def typical_error(rmse_v: float) -> ResidualModel:
 
 
 def _worst(fit: TableFit, nodes: tuple[float, ...]) -> Float[np.ndarray, "nodes"]:
-    """The largest sum of the resistances within their intervals over the sum itself."""
+    """The largest sum of the resistances within their intervals, over the identified sum."""
     values, high = np.zeros(len(nodes)), np.zeros(len(nodes))
     for interval in fit.intervals:
         if interval.soc is not None and is_resistance(interval.name):

@@ -165,7 +165,7 @@ class Design(Document):
         earlier: The records that count, and are to be identified together with the test's.
         untold: Reason why those of the result do not count.
         error: The assumed error of a fit.
-        already: The names whose aims the earlier records reach.
+        already: Names whose targets the earlier records reach.
         printed: Half the intervals that the result prints, medians by table.
         beyond: Causes of wider intervals that no test removes: "hold" for both holds of the
             current, "pair" for a pair that R0 may hide.

@@ -75,7 +75,7 @@ def write_part(folder: Path, rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 def rows_bytes(rows: Sequence[Mapping[str, Any]]) -> bytes:
-    """The rows as the content of such a file."""
+    """The rows as the content of a Parquet file."""
     file = io.BytesIO()
     _framed(rows).write_parquet(file)
     return file.getvalue()
@@ -235,7 +235,7 @@ def finished(out: Path) -> dict[str, tuple[str, bool]]:
 
 @contextmanager
 def writing(out: Path, shard: Shard | None = None) -> Iterator[Path]:
-    """The folder for parts, this process's alone.
+    """The folder for parts, for this process alone.
 
     Raises `InputError` if it cannot be written to, or another command is writing there, which
     cannot be checked in a store without locks.
@@ -284,7 +284,7 @@ def compact(out: Path, shard: Shard | None = None) -> Path:
 
 
 def regrouped(fleet: str | Path, group: Sequence[str]) -> list[FleetCell]:
-    """A cell for all rows of a fleet that have the same values in some columns.
+    """One cell for each group of a fleet's rows with the same values in some columns.
 
     Args:
         fleet: The folder of a fleet identified with `keep_factors`.

@@ -155,7 +155,7 @@ def _job_on_files(cell: FleetCell, settings: Options) -> Job:
 
 
 def _identified_pack(cell: FleetCell, settings: Options) -> Pack:
-    """The pack in a cell's one record."""
+    """The pack in the single record of a cell."""
     if cell.missing or len(cell.records) != 1:
         why = "; ".join(cell.missing) or "a pack is one file with all its cells"
         raise InputError(f"{why}: correct the manifest")

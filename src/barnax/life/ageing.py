@@ -129,8 +129,8 @@ def life_of(
         false_alarms: Expected number of false alarms per cell and year.
         key: Random key for the fleets without faults that set the threshold.
 
-    Raises `InputError` if such a column is missing or not given by its name, if a value of it is no
-    age, and if all rows have one age.
+    Raises `InputError` if a column is missing or cannot be recognized by its name, if a value is
+    not an age, and if all rows have one age.
     """
     if OCV not in rows.columns:
         raise InputError("the dataset says nothing of ageing; identify the fleet with `ageing`")

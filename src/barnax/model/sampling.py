@@ -72,7 +72,8 @@ def assumed_in(records: Sequence[PreparedRecord]) -> PreparedRecord | None:
 
 
 def least_r0_share(records: Sequence[PreparedRecord]) -> float:
-    """The least share of R0 that may be left without a pair; 1 if the samples would resolve it.
+    """The least possible R0 over the identified one, if that hides a pair; 1 if samples would
+    resolve it.
 
     A pair that ends before the next sample responds like R0 to a current that flowed before its
     sample, unless it is so fast that it counts as R0 anyway. Under a current known to flow after

@@ -60,8 +60,8 @@ def certify(objective: Any, best: Polished, alone_v: Sequence[float] = (0.0,)) -
 
     Boxes are split until the bound is within `settings.proved_share`, or until `settings.max_boxes`
     boxes have been examined; nothing is proved if the first boxes would already be half of those.
-    `alone_v` are lower bounds of each part of the objective by itself; in every box each part is
-    asked for its share of the bound that is enough.
+    `alone_v` are lower bounds of each part of the objective by itself; in every box each part has
+    to reach its share of the required bound.
     """
     settings, alike = objective.settings, objective.interchangeable
     counts = [math.ceil((axis.high - axis.low) / FIRST_WIDTH) for axis in objective.axes]

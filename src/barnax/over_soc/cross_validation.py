@@ -40,7 +40,7 @@ class SocErrors:
 
     @classmethod
     def of(cls, parts: Iterable[tuple[Float[np.ndarray, "_"], Float[np.ndarray, "_"]]]):
-        """The RMSE of errors at states of charge, part after part."""
+        """The RMSE of the errors at their states of charge, over all parts."""
         squares_v2, counts = np.zeros(2), np.zeros(2, int)
         for error_v, soc in parts:
             group = is_above(soc).astype(int)

@@ -91,7 +91,7 @@ class TableObjective(LinearObjective):
 
     @property
     def nodes(self) -> int:
-        """Number of nodes of all tables but an OCV correction."""
+        """Number of nodes of all tables except an OCV correction."""
         return len(self.reduced.layout.nodes)
 
     @cached_property

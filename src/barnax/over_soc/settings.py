@@ -58,8 +58,8 @@ class TableSettings(TableOptions):
 
     @property
     def nodes_of_ocv(self) -> tuple[float, ...]:
-        """The nodes of a table of the OCV, or of its correction: all default nodes where
-        resistances have some of them."""
+        """The nodes of a table of the OCV, or of its correction: all default nodes if resistances
+        use a subset of them."""
         return self.ocv_nodes or (NODES if {*self.nodes} <= {*NODES} else self.nodes)
 
     @property

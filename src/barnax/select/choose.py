@@ -186,7 +186,7 @@ class Bench:
 
     def _with_determined_pairs(self, answer: Fitted) -> Fitted:
         """The circuit without pairs of nearly one time constant, of which only the sum is
-        determined, and without one whose resistance is zero wherever samples are."""
+        determined, and without one whose resistance is zero wherever there are samples."""
         for point in self.limits.simpler(answer.point):
             if point.kind != answer.point.kind or point.pairs == answer.point.pairs:
                 continue

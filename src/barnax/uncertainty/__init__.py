@@ -1,4 +1,4 @@
-"""Intervals and identifiability of parameters, and where the errors are."""
+"""Intervals and identifiability of parameters, and the distribution of the errors."""
 
 from .assessment import Assessment as Assessment
 from .assessment import Band as Band

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from ..model.problem import Problem
 
 SOC_EDGES = np.linspace(0, 1, 11)
-# Multiples of the current that empties the cell in an hour.
+# Edges of the current's bands: multiples of the current that empties the cell in an hour.
 RATE_EDGES = (0.2, 1.0, 2.0)
 TEMPERATURE_STEPS = (1.0, 2.0, 5.0, 10.0)
 MAX_TEMPERATURES = 8

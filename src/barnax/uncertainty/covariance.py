@@ -36,7 +36,7 @@ LARGEST_NUMBER = 1e20
 # A parameter that moves the voltage by less than this (RMS, for a factor of e) is unseen: far below
 # rounding, but its squares are still representable.
 LEAST_V = 1e-18
-# Why a parameter is not free; "unseen" is one that no scored sample depends on.
+# The reason why a parameter is not free; "unseen" if no scored sample depends on it.
 Held = Literal["fixed", "at lower bound", "at upper bound", "unseen"]
 
 
@@ -178,7 +178,7 @@ class Estimate:
         name: PyBaMM's name, with its unit.
         value: The value, in that unit.
         held: The reason why it has no interval, if it has none.
-        relative_error: Relative standard error, under the noise that the residuals show.
+        relative_error: Relative standard error, with the noise estimated from the residuals.
         white_noise_relative_error: Relative standard error if the residuals were white noise.
         degrees_of_freedom: Degrees of freedom of the noise level, for Student's t.
         low: Lower end of the 95 % interval, over both holds of the current if the hold is unknown.
@@ -249,7 +249,7 @@ class Uncertainty(Brief):
     def spanning(self, others: Sequence[CircuitParameters]) -> "Uncertainty":
         """A copy with intervals extended to those of other, equally possible circuits.
 
-        Their intervals are as wide, relative to their values.
+        Each of them has an interval of the same relative width.
         """
         values = [named_values(other) for other in others]
         estimates = tuple(

@@ -16,7 +16,7 @@ from .covariance import Covariance, linearize, named_values
 if TYPE_CHECKING:
     from ..model.problem import Problem
 
-# Values on either side of the parameter's own.
+# Number of values on either side of the parameter's own.
 POINTS = 7
 # They first reach this many half-widths of the linear interval, then the end of the box.
 REACH = 2.0

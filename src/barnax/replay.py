@@ -21,15 +21,16 @@ from .errors import InputError
 from .execution import compile_for, in_float64
 from .filters import Drive, Filtered, FilterModel, Kind, run_filter
 from .metrics import Count
-from .model.prepared import prepare_record
+from .model.prepared import PreparedRecord, prepare_record
 from .model.start import Start
 from .model.window import OCV_MARGIN, Window
 from .over_soc.fits import no_temperature, require_temperature
-from .records import Given
+from .records import Given, Record
 from .result_filter import FilterSettings, model_of, read_for
 from .results import Result
 from .scenarios import (
     SCENARIOS,
+    Case,
     Innovations,
     Scenario,
     ScenarioPart,
@@ -177,23 +178,9 @@ def replay_soc(
         voltage_lag=voltage_lag, columns=columns, series=series,
     )  # fmt: skip
     measured, window, warnings = read_for(result, record, window, reading)
-    used = result if settings.tables else result.without_tables()
-    prepared = prepare_record(measured, used.cell, used.model, window)
-    low, high = used.cell.soc_range
-    lowest, highest = float(prepared.soc.min()), float(prepared.soc.max())
-    if lowest < low - OCV_MARGIN or highest > high + OCV_MARGIN:
-        raise InputError(
-            f"{measured.name}: its SOC goes from {100 * lowest:.0f} to {100 * highest:.0f} %, "
-            f"and the OCV is known from {100 * low:.0f} to {100 * high:.0f} %: beyond that a "
-            "filter has no voltage to compare with; identify with an OCV that reaches as far, or "
-            "start later, with `start_time`"
-        )
-    degc = prepared.temperature_degc
-    if used.fits.over_temperature is not None:
-        degc = require_temperature(prepared)
-    if degc is not None:
-        used = used.at_temperature(degc)
-    prepared = prepared.with_dependence(used.circuit_parameters.dependence)
+    used, prepared = _prepared(
+        result if settings.tables else result.without_tables(), measured, window
+    )
     warnings += no_temperature(prepared, used.fits)
     capacity_ah = prepared.capacity_ah
     model = model_of(used, settings.estimate, capacity_ah)
@@ -208,10 +195,7 @@ def replay_soc(
     ]
     if not cases:
         raise InputError(f"{measured.name}: its SOC leaves no room for a start so far off")
-    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(case.given for case in cases))
-    program = compile_for(_run_all, *stacked, settings.kind)
-    estimate = jax.tree.map(np.asarray, program(*stacked, settings.kind))
-    of_cases = [jax.tree.map(itemgetter(index), estimate) for index in range(len(cases))]
+    of_cases = _filtered(cases, settings.kind)
     pairs = [*zip(cases, of_cases, strict=True)]
     late = [jax.tree.map(partial(from_start, first=case.first), each) for case, each in pairs]
     traces = Traces(
@@ -247,6 +231,37 @@ def replay_soc(
     )
     replay._traces = traces
     return replay
+
+
+def _prepared(
+    result: Result, record: Record, window: Window | None
+) -> tuple[Result, PreparedRecord]:
+    """The circuit at the record's temperature, and the record prepared for it. Raises `InputError`
+    if its SOC leaves the OCV."""
+    prepared = prepare_record(record, result.cell, result.model, window)
+    low, high = result.cell.soc_range
+    lowest, highest = float(prepared.soc.min()), float(prepared.soc.max())
+    if lowest < low - OCV_MARGIN or highest > high + OCV_MARGIN:
+        raise InputError(
+            f"{record.name}: its SOC goes from {100 * lowest:.0f} to {100 * highest:.0f} %, "
+            f"and the OCV is known from {100 * low:.0f} to {100 * high:.0f} %: beyond that a "
+            "filter has no voltage to compare with; identify with an OCV that reaches as far, or "
+            "start later, with `start_time`"
+        )
+    degc = prepared.temperature_degc
+    if result.fits.over_temperature is not None:
+        degc = require_temperature(prepared)
+    if degc is not None:
+        result = result.at_temperature(degc)
+    return result, prepared.with_dependence(result.circuit_parameters.dependence)
+
+
+def _filtered(cases: Sequence[Case], kind: Kind) -> list[Filtered]:
+    """The estimates of every case, run together."""
+    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(case.given for case in cases))
+    program = compile_for(_run_all, *stacked, kind)
+    estimate = jax.tree.map(np.asarray, program(*stacked, kind))
+    return [jax.tree.map(itemgetter(index), estimate) for index in range(len(cases))]
 
 
 def _run_all(models: FilterModel, starts: Any, drives: Drive, kind: Kind) -> Filtered:

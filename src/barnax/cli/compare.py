@@ -91,15 +91,9 @@ def chosen_rows(
     """
     if models is None and methods is None:
         return list(default)
-    usual_models, usual_methods = (dict.fromkeys(names) for names in zip(*default, strict=True))
-    chosen_models = usual_models if models is None else _names(models)
-    chosen_methods = usual_methods if methods is None else _names(methods)
-    return list(itertools.product(chosen_models, chosen_methods))
-
-
-def _names(text: str) -> dict[str, None]:
-    """The names of a list, each once."""
-    return dict.fromkeys(name.strip() for name in text.split(","))
+    usual = zip((models, methods), zip(*default, strict=True), strict=True)
+    names = (each if text is None else map(str.strip, text.split(",")) for text, each in usual)
+    return list(itertools.product(*map(dict.fromkeys, names)))
 
 
 def optimizers() -> None:

@@ -129,10 +129,11 @@ def drawn_files(
             files = reporting.render.paper_files(draw())
     drawn = draw()
     if report:
-        document = document_of(drawn).with_option_names(as_flags)
+        document = document_of(drawn)
+        markdown = reporting.render.to_markdown(document.with_option_names(as_flags))
         files |= {
-            "report.html": reporting.render.to_html(document).encode(),
-            "report.md": reporting.render.to_markdown(document).encode(),
+            "report.html": page_of(document),
+            "report.md": markdown.encode(),
             **{f"figures/{picture.name}.svg": picture.svg for picture in drawn},
         }
     shown = (picture for picture in drawn if report or picture.is_main)
@@ -295,19 +296,18 @@ def new_run(*words: str) -> str:
 
 def _moved(fresh: Path, target: Path) -> Path:
     """The first free name, where the folder now is."""
-    for free in free_names(target):
+    while True:
+        free = next(free_names(target))
         with suppress(OSError):
             # Not every system moves a folder over an empty one.
             free.rmdir()
         try:
             os.replace(fresh, free)
+            return free
         except OSError:
             # Another process may have taken it since.
             if not os.path.lexists(free):
                 raise
-        else:
-            return free
-    raise AssertionError("there is always another number")
 
 
 def _ours_and_theirs(folder: Path) -> tuple[set[str], set[str]]:

@@ -121,41 +121,36 @@ def validate(
     session.load_jax()
     from ..result_parts import MetricsBlock
 
-    sentences = reporting.wording.sentences
     if report is not None:
         require_free_file(report, force)
     stored = barnax.Result.load(on.result)
     record, window = on.meeting(stored)
     with session.watch("Simulating"):
         evaluation = stored.validate(record, window, **on.read)
-    metrics = evaluation.metrics
     if as_json:
-        block = MetricsBlock(identification=metrics, validation=())
+        block = MetricsBlock(identification=evaluation.metrics, validation=())
         # Of a voltage that stays the same there is no R2: JSON says null, and has no NaN.
         plain = json.loads(block.model_dump_json(by_alias=True))["identification"]
         typer.echo(json.dumps(plain, indent=1))
-    table = reporting.wording.table("result.metrics_of", [(metrics, "validation")])
-    session.show([reporting.terminal.terminal_table(table)])
-    moved = sentences("starts.moved", metrics)
-    session.show([shown(reporting.words.capitalized(text)) for text in moved])
+    document = _validation(evaluation, stored)
+    session.show_document(document)
     if report is not None:
         with session.watch("Drawing figures"):
-            write_file(report, _validation_page(evaluation, table, stored.answer))
+            write_file(report, page_of(document))
         session.show(["", f"  {shown(report)}"])
-    degc = evaluation.prepared.temperature_degc
-    basis = sentences("tables.prediction", stored.fits, on.record.name, degc)
-    session.show([shown(text) for text in basis])
     session.warn(evaluation.warnings)
 
 
-def _validation_page(
-    evaluation: "barnax.Evaluation", table: "reporting.document.ReportTable", answer: str
-) -> bytes:
+def _validation(
+    evaluation: "barnax.Evaluation", stored: "barnax.Result"
+) -> "reporting.document.Page":
+    """The errors of a circuit on a record, with figures, which a terminal leaves out."""
     record, illustrate = evaluation.prepared.record.name, reporting.illustrations.illustrate
     plots = {"voltage": barnax.plots.plot_voltage, "error": barnax.plots.plot_error}
-    drawn = (illustrate(name, record, plot, evaluation) for name, plot in plots.items())
-    errors = reporting.document.Section("Errors", (table, *drawn))
-    return page_of(reporting.document.Page(f"{answer} on {record}", "", (errors,)))
+    drawn = [illustrate(name, record, plot, evaluation) for name, plot in plots.items()]
+    facts = {"result": stored, "errors": evaluation.metrics}
+    degc = evaluation.prepared.temperature_degc
+    return reporting.wording.document("validated", drawn, temperature_degc=degc, **facts)
 
 
 def soc(

@@ -1,6 +1,7 @@
 """Profile likelihood: the rise of the best error as one parameter is moved away from its value."""
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -8,10 +9,10 @@ import numpy as np
 
 from ..cell import CircuitParameters
 from ..errors import InputError
-from ..global_optimum.objective import ConstantObjective
+from ..global_optimum.objective import ConstantObjective, Solution
 from ..metrics import t_quantile
 from ..model.descent import polish
-from .covariance import Covariance, linearize, named_values
+from .covariance import Covariance, Linearization, linearize, named_values
 
 if TYPE_CHECKING:
     from ..model.problem import Problem
@@ -86,13 +87,8 @@ def profile(
     scales = tuple(np.log([*parameters.tau_s, *rate]).tolist())
     ordered = problem.bounds.interchangeable_pairs
     ends, least_v = {}, dict[float, float]()
-    # All factors of a quantity may move: C is largest at the largest tau and the smallest R.
-    box, free = problem.log_coordinates, list(linearization.free)
-    lower, upper = (np.asarray(end)[free] for end in (box.lower, box.upper))
     for side in (-1, 1):
-        # Until all parameters that it moves are at their bounds.
-        corner = np.where(side * direction > 0, upper, lower)
-        end = side * float(direction @ (corner - linearization.point[free]))
+        end = _reach(problem, linearization, direction, side)
         first = np.unique(np.minimum(np.linspace(0.0, half_width, POINTS + 1), end))
         further = np.linspace(first[-1], end, POINTS + 1)[1:]
         start, root = scales, {0.0: 0.0}
@@ -100,11 +96,8 @@ def profile(
             if max(root.values()) ** 2 + best_v**2 > threshold_v**2:
                 break
             there = values[moved] * np.exp(sign * side * steps)
-            for step, value in zip(steps.tolist(), there.tolist(), strict=True):
-                fixed = objective.fixing(moved, value)
-                low, high = np.transpose([[axis.low, axis.high] for axis in fixed.axes])
-                met = polish(fixed, fixed.solve(tuple(np.clip(start, low, high).tolist())))
-                # The next one descends from here.
+            refits = _refits(objective, moved, there.tolist(), start)
+            for step, met in zip(steps.tolist(), refits, strict=True):
                 start = met.log_scales
                 # In another order of the pairs the name belongs to another pair.
                 if np.all(np.diff(start[:ordered]) >= 0):
@@ -125,6 +118,29 @@ def profile(
         low=low,
         high=high,
     )
+
+
+def _reach(
+    problem: "Problem", linearization: Linearization, direction: np.ndarray, side: int
+) -> float:
+    """How far the logarithm of a quantity can move to a side, until all parameters that it moves
+    are at their bounds: C is largest at the largest tau and the smallest R."""
+    box, free = problem.log_coordinates, list(linearization.free)
+    lower, upper = (np.asarray(end)[free] for end in (box.lower, box.upper))
+    corner = np.where(side * direction > 0, upper, lower)
+    return side * float(direction @ (corner - linearization.point[free]))
+
+
+def _refits(
+    objective: ConstantObjective, name: str, values: Sequence[float], start: Sequence[float]
+) -> Iterator[Solution]:
+    """The best fits with a parameter held at each value, each descended to from the one before."""
+    for value in values:
+        fixed = objective.fixing(name, value)
+        low, high = np.transpose([[axis.low, axis.high] for axis in fixed.axes])
+        met = polish(fixed, fixed.solve(tuple(np.clip(start, low, high).tolist())))
+        start = met.log_scales
+        yield met
 
 
 def _crossing(root: dict[float, float], wanted: float) -> float | None:

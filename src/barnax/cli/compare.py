@@ -93,7 +93,8 @@ def chosen_rows(
         return list(default)
     usual = zip((models, methods), zip(*default, strict=True), strict=True)
     names = (each if text is None else map(str.strip, text.split(",")) for text, each in usual)
-    return list(itertools.product(*map(dict.fromkeys, names)))
+    chosen_models, chosen_methods = map(dict.fromkeys, names)
+    return list(itertools.product(chosen_models, chosen_methods))
 
 
 def optimizers() -> None:

@@ -128,7 +128,8 @@ def _with_fitted_ocv(
     job: Job, inputs: Inputs, is_last: bool = False
 ) -> tuple[Inputs, dict[str, Window], Problem]:
     """The inputs, windows and constant problem of records whose OCV was fitted with their tables:
-    repeated if it was fitted with another sampling of the current than the voltages support."""
+    repeated if it was fitted with a sampling of the current other than the one that the voltages
+    support."""
     given = {**windows_by_name(job.window), **inputs.fitted_ocv.windows}
     windows = windows_of(inputs, given, job.capacity)
     circuit = first_circuit(inputs, job)
@@ -154,8 +155,9 @@ def _as_sampled(inputs: Inputs, problem: Problem) -> Inputs:
 def _between_ends(
     cell: CellModel, records: Sequence[PreparedRecord]
 ) -> tuple[list[PreparedRecord], list[Notice]]:
-    """The records, with the ends of charges on a flat OCV unscored if there is also a record under
-    load, unless samples are chosen; each has a notice. The drive would fit worse with them."""
+    """The records; the ends of charges on a flat OCV are not scored if there is also a record under
+    load, unless samples are chosen, with a notice for each. They would worsen the fit of the
+    drive."""
     counted, notices = list(records), list[Notice]()
     under_load = [prepared for prepared in records if cell.has_flat_ocv and is_loaded(prepared)]
     for index, prepared in enumerate(records if under_load else ()):

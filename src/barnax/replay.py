@@ -71,7 +71,7 @@ class SocReplay(Document):
         before_s: Duration of the record before that, which is not replayed.
         soc_range: Lowest and highest SOC of the counter.
         flat_soc: Lowest and highest SOC of the counter where one standard deviation of the
-            circuit's OCV is over 5 % SOC: the voltage hardly determines the SOC there.
+            circuit's OCV is worth over 5 % SOC: the voltage hardly determines the SOC there.
         flat_share: Share of the samples in that state.
         scenarios: The filter's errors in every scenario.
         untried: Scenarios whose start is outside the record.

@@ -126,7 +126,8 @@ class Result(Document):
         """A stored result that can draw every figure again, from its records.
 
         They are read on first access, from `data`, the working folder, the result's, the one above
-        it, or the locations in its `plan.toml`; by name, and only with the same content.
+        it, or the locations in its `plan.toml`; they are matched by name, and must have the same
+        content.
 
         Args:
             path: The folder that identify wrote, or its `result.json`.

@@ -114,7 +114,7 @@ def design(
         key: Random key of blocks and searches; the same key gives the same test.
         starts: Number of searches, of which the best test is taken.
 
-    Raises `InputError` for limits that leave no room, for wishes that do not apply, and as
+    Raises `InputError` for limits that leave no room, for targets that do not apply, and as
     `Result.load` does.
 
     >>> import barnax
@@ -182,7 +182,7 @@ def design(
     plan, is_reached, longer, needed = None, True, None, None
     if is_asked or is_needed:
         with one_blas_thread():
-            # Wishes met without a test make no test short.
+            # If the targets are met without a test, no test counts as short.
             is_short = reaches if is_needed else lambda steps: False
             plan = planned(choice, max_hours, random_key, starts, is_short)
             is_reached = reaches(plan.steps)
@@ -263,7 +263,7 @@ def _check_start(prior: Prior, high_soc: float, high_v: float) -> None:
 
 
 def _names(prior: Prior) -> list[str]:
-    """The names that can be wished."""
+    """The names that `want` may contain."""
     names = dict.fromkeys(map(short, prior.tables_of_names))
     if not prior.finds_ocv:
         names.pop("OCV")
@@ -273,7 +273,7 @@ def _names(prior: Prior) -> list[str]:
 def wishes_of(
     prior: Prior, want: Mapping[str, float] | None, wanted_soc: Span
 ) -> tuple[dict[int, float], dict[str, float]]:
-    """The wishes by the index of an unknown, and by table.
+    """The targets by the index of an unknown, and by table.
 
     Raises `InputError` for anything that the test cannot identify.
     """

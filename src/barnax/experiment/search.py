@@ -205,7 +205,7 @@ class SearchSetup:
         return [step for step in (*whole, *last) if step.duration_s > 0]
 
     def ratios(self, steps: Sequence[Step]) -> Float[np.ndarray, "wishes"]:
-        """Every wished value's width over the wanted one, predicted for the whole test."""
+        """Every width with a target over that target, predicted for the whole test."""
         fastest_s = SHARE_OF_TAU * self.prior.tables.tau_s[0]
         interval_s = min(max(fastest_s, FINEST_S), COARSEST_S)
         test = self.prior.loaded(sampled(steps, interval_s), self.high_soc, interval_s)
@@ -264,7 +264,7 @@ class DesignPlan:
 def planned(
     choice: SearchSetup, max_hours: float, key: Array, starts: int, reaches: Reaches
 ) -> DesignPlan:
-    """The shortest test that fulfills the wishes, or the best in the time, within all limits."""
+    """The shortest test that meets the targets, or the best in the time, within all limits."""
     best = None
     for _ in range(SEARCHES):
         best, choice = _kept(choice, _best(choice, max_hours, key, starts), max_hours)
@@ -310,7 +310,7 @@ def _kept(choice: SearchSetup, trial: Trial, hours: float) -> tuple[DesignPlan |
 
 
 def is_reached_in(hours: float, plan: DesignPlan, key: Array, reaches: Reaches) -> bool:
-    """True if a test of this many hours fulfills the wishes that a shorter plan does not."""
+    """True if a test of this many hours meets the targets that a shorter plan does not."""
     longer, _ = _kept(plan.choice, _best(plan.choice, hours, key, 1), hours)
     return longer is not None and reaches(longer.steps)
 

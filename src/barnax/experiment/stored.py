@@ -32,7 +32,7 @@ Value = TypeVar("Value")
 
 
 def short(name: str) -> str:
-    """The name of a table in a wish.
+    """The name of a table as a target.
 
     >>> short("R0 [Ohm]"), short("OCV correction [V]")
     ('R0', 'OCV')

@@ -42,8 +42,7 @@ from ..model.descent import Axis, Polished, polish
 from ..model.search_space import Range
 from .objective import Solution, TableObjective
 
-# Width of the first boxes in the logarithm of a time constant: of fewer, wider ones few have a
-# bound.
+# Width of the first boxes in the logarithm of a time constant: wider ones seldom have a bound.
 FIRST_WIDTH = 0.4
 # A circuit met on the way counts as better if its sqrt(J) is lower by more than this share.
 BETTER = 1e-9

@@ -174,7 +174,7 @@ def plot_tables(fit: "TableFit", constant: "CircuitParameters | None" = None) ->
         _draw_table(axes, table)
         value = 1e3 * ohm[name] if name in ohm else None
         if value is not None:
-            # The visited nodes set the scale if there are any.
+            # Drawn over the range of the visited nodes, if there are any.
             shown = table.seen if table.nodes["is_visited"].any() else table
             look = {"color": style.GREY, "linewidth": 1.4, "zorder": 1}
             axes.plot(shown.nodes["soc"][[0, -1]], [value] * 2, **look, label="constant circuit")

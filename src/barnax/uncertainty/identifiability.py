@@ -131,7 +131,7 @@ class _Search:
         """A pair that ends within a sampling interval: below half of it, as in the default box.
 
         If a current is held from its sample on, such a pair still responds one sample after R0, and
-        a lively current distinguishes the two; only its time constant is then hidden.
+        a current that varies enough distinguishes the two; only its time constant is then hidden.
         """
         tau, resistance = self.estimates[pair.tau], self.estimates[pair.resistance]
         if not tau.value <= 0.5 * self.interval_s * (1 + NEAR_LIMIT):

@@ -159,8 +159,6 @@ DIALECTS: tuple[Dialect, ...] = (
             "step time": "step time|step duration|schritt zeit|schrittdauer=ms",
             "date": "time stamp|timestamp|zeitstempel|zeit",
             "temperature": "temperature|t1|t batt|logtemppositive|logtemp001|temp1",
-            "step": "step|schritt|schritt nr.",
-            "state": "status|zustand",
             "charging capacity": "ahcha|ahlad",
             "discharging capacity": "ahdch|ahela",
             "net capacity": "ahaccu|ahakku|capacity",

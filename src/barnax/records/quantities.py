@@ -160,7 +160,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "step",
         _COUNTS,
         "step index|step|step id|stepid|step number|step no|stepno|ns|step count|"
-        "schritt|schritt nr|schrittnummer|ステップ|ステップ番号|ステップno|스텝|스텝번호",
+        "schritt|schritt nr|schritt nr.|schrittnummer|ステップ|ステップ番号|ステップno|스텝|스텝번호",
         ("Step Index / 1",),
     ),
     Quantity(

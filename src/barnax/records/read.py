@@ -279,12 +279,10 @@ def read_pack(source: Source, cells: str | None = None, **reading: Any) -> PackR
         )
     values_v = np.column_stack([columns[name] for name in used])
     mean_v = values_v.mean(axis=1)
-    all_columns = zip(table.header.names, table.columns, strict=True)
-    others = [(name, cells) for name, cells in all_columns if name not in columns]
-    names_beside, cells_beside = zip(*others, (MEAN, pl.Series(MEAN, mean_v)), strict=True)
     given = {**table.header.given, "voltage": f"{MEAN}:V"}
-    alone = replace(table, header=Header(names_beside, given), columns=cells_beside)
-    of_mean = replace(source, table=alone)
+    header = Header((*table.header.names, MEAN), given)
+    columns_of_all = (*table.columns, pl.Series(mean_v))
+    of_mean = replace(source, table=replace(table, header=header, columns=columns_of_all))
     lag_s = reading.get("voltage_lag")
     how: dict[str, Any] = {**reading, "voltage_lag": 0.0}
     logged = read_record(of_mean, **how)

@@ -128,8 +128,8 @@ def examine_empty_current(lines: Lines) -> Lines:
     empty = nothing.to_numpy()[lines.at] & ~lines.bad("time") & ~lines.bad("voltage")
     if not np.any(empty):
         return lines
-    current, voltage_v = np.where(empty, 0.0, lines.values["current"]), lines.values["voltage"]
-    step, step_v = np.diff(current), np.diff(voltage_v)
+    current = np.where(empty, 0.0, lines.values["current"])
+    step, step_v = np.diff(current), np.diff(lines.values["voltage"])
     is_step = np.abs(step) > STEP_SHARE * np.max(np.abs(current))
     ends = is_step & (empty[1:] != empty[:-1])
     is_logged = is_step & ~empty[1:] & ~empty[:-1]

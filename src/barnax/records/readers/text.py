@@ -67,7 +67,7 @@ def _read(content: bytes, given: Mapping[str, str]) -> Table:
     rows = content.count(b"\n", _offset(content, above))
     require_room(NUMBER_BYTES * rows * len(header.names), content)
     header = Header((*header.names, ""), given)
-    columns = _columns(content[_offset(content, above) :], header.names, delimiter)
+    columns = _columns(content, _offset(content, above), header.names, delimiter)
     row = np.arange(lead + 1, lead + 1 + len(columns[0]))
     for begin, dropped in reversed(breaks):
         row[row >= begin] += dropped
@@ -219,8 +219,10 @@ def _refuse_decimal_commas(lines: Sequence[str], above: int, names: int, delimit
         )
 
 
-def _columns(text: bytes, header: Sequence[str], delimiter: str) -> tuple[pl.Series, ...]:
-    """The cells: numbers where a column holds nothing else, else text."""
+def _columns(
+    text: bytes, start: int, header: Sequence[str], delimiter: str
+) -> tuple[pl.Series, ...]:
+    """The cells from `start` on: numbers where a column holds nothing else, else text."""
     schema = {str(k): pl.String for k in range(len(header))}
     # The first line tells Polars the width, and testers end the names or the cells with one more
     # delimiter: a line of our own is as wide as the header.
@@ -228,7 +230,8 @@ def _columns(text: bytes, header: Sequence[str], delimiter: str) -> tuple[pl.Ser
     encoding = "utf8" if text.isascii() else "utf8-lossy"
     how: dict[str, Any] = {"separator": delimiter, "encoding": encoding, "schema": schema}
     try:
-        frame = pl.read_csv(wide + text, has_header=False, truncate_ragged_lines=True, **how)
+        content = b"".join([wide, memoryview(text)[start:]])
+        frame = pl.read_csv(content, has_header=False, truncate_ragged_lines=True, **how)
     except pl.exceptions.PolarsError as error:
         raise InputError(
             f"cannot be split into columns at {delimiter!r}; export it as plain CSV without"

@@ -72,9 +72,7 @@ class Element:
 
     def names(self, number: int) -> "ElementNames":
         """The names of its parameters; `number` counts the RC pairs before and with it."""
-        of = f"_{self.symbol}" if self.symbol else str(number)
-        capacitance = None if self.symbol else f"C{of} [F]"
-        return ElementNames(f"R{of} [Ohm]", f"tau{of} [s]", capacitance)
+        return names_beside(f"R_{self.symbol} [Ohm]" if self.symbol else f"R{number} [Ohm]")
 
 
 class ElementNames(NamedTuple):

@@ -104,8 +104,7 @@ def _match(index: int, name: str, plain: str, quantity: Quantity) -> tuple[int, 
     # Most names are of none, and a file may have thousands of lines that could be its names.
     if not plain.startswith(quantity.beginnings):
         return None
-    for rank, spelling in enumerate(quantity.aliases):
-        alias, _, stated = spelling.partition("=")
+    for rank, (alias, stated) in enumerate(quantity.aliases.items()):
         if plain == alias:
             # A bare T is a temperature to some and a time to others; a bare t is a time.
             is_bare = alias == "t" and not stated
@@ -260,7 +259,7 @@ class Header:
 
         They contain an alias, are spelled nearly like one, or mean it in another language.
         """
-        long = [alias for alias in quantity.aliases if len(alias) > 2 and "=" not in alias]
+        long = [alias for alias in quantity.aliases if len(alias) > 2]
         likely = []
         for index, plain in enumerate(self._normal[:_COMPARED_NAMES]):
             words = re.split(r"[\[(/]", plain)[0].strip()

@@ -211,18 +211,11 @@ DIALECTS: tuple[Dialect, ...] = (
         names={"temperature": "battery temp|temperature", "net capacity": "ah"},
     ),
     # Above the names stands a sheet of the test, with small tables of its own.
-    Dialect(
-        "PEC",
-        marks=("total time & load on time & step time",),
-        names={"date": "real time"},
-    ),
+    Dialect("PEC", marks=("total time & load on time & step time",), names={"date": "real time"}),
     Dialect(
         "Bitrode",
         marks=("total time & loop counter", "total time & amp-hours & watt-hours"),
-        names={
-            "temperature": "temperature a1|temperature",
-            "net capacity": "amp-hours",
-        },
+        names={"temperature": "temperature a1|temperature", "net capacity": "amp-hours"},
     ),
     # Rows and names begin with a tab, and a line of units follows the names.
     Dialect(

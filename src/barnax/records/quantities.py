@@ -24,9 +24,8 @@ class Unit:
 
     def to_base(self, values: Any) -> Any:
         """Values in this unit in the base unit."""
-        return (
-            values if (self.factor, self.offset) == (1, 0) else values * self.factor + self.offset
-        )
+        is_base = (self.factor, self.offset) == (1, 0)
+        return values if is_base else values * self.factor + self.offset
 
 
 @dataclass(frozen=True)
@@ -46,13 +45,15 @@ class Quantity:
     foreign: tuple[str, ...] = ()
 
     @cached_property
-    def aliases(self) -> tuple[str, ...]:
-        return tuple(filter(None, self.spelled.split("|")))
+    def aliases(self) -> Mapping[str, str]:
+        """Each alias with the unit that it has where the name states none; empty for its own."""
+        pairs = (alias.partition("=") for alias in filter(None, self.spelled.split("|")))
+        return {alias: stated for alias, _, stated in pairs}
 
     @cached_property
     def beginnings(self) -> tuple[str, ...]:
         """One of these begins every name of a column that could hold the quantity."""
-        return tuple(alias.partition("=")[0] for alias in self.aliases)
+        return tuple(self.aliases)
 
     @property
     def base_unit(self) -> Unit:
@@ -159,8 +160,8 @@ QUANTITIES: tuple[Quantity, ...] = (
     Quantity(
         "step",
         _COUNTS,
-        "step index|step|step id|stepid|step number|step no|stepno|ns|step count|"
-        "schritt|schritt nr|schritt nr.|schrittnummer|ステップ|ステップ番号|ステップno|스텝|스텝번호",
+        "step index|step|step id|stepid|step number|step no|stepno|ns|step count|schritt|"
+        "schritt nr|schritt nr.|schrittnummer|ステップ|ステップ番号|ステップno|스텝|스텝번호",
         ("Step Index / 1",),
     ),
     Quantity(

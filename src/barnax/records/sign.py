@@ -4,8 +4,7 @@ Column names promise a sign and break the promise (A123 files with Battery Data 
 discharge-positive), so they count only where the data say nothing.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -14,27 +13,11 @@ from ..errors import counted
 from ..notices import Notice, raise_first_error
 from ..settings import AutoSign
 from .counters import cosine
-from .dialects import CHARGE, DISCHARGE, PLAIN, Sign
+from .dialects import CHARGE, DISCHARGE, PLAIN
 from .logger import Decision
 from .record import runs
 from .samples import MORE, Samples, few, voltage_noise_v
 from .table import notice_at
-
-SIGNS: Mapping[int, Sign] = {1: CHARGE, -1: DISCHARGE}
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """What one look at the data says: how far it agrees with a charge-positive current, from 1 to
-    -1 for a discharge-positive one."""
-
-    agreement: float
-    is_strong: bool
-    words: str
-
-    @property
-    def vote(self) -> int:
-        return 1 if self.agreement > 0 else -1
 
 
 def decide_sign(samples: Samples, given: AutoSign, file: str) -> tuple[Decision, list[Notice]]:
@@ -74,27 +57,36 @@ def _from_data(samples: Samples) -> Decision | None:
     looks = _at_current_steps, _under_sustained_current, _of_counters, _of_states
     evidence = [one for look in looks if (one := look(samples)) is not None]
     sign, whole = _weighed(evidence), _over_the_record(samples)
-    if whole is None or (sign and sign.strength == "strong" and sign.value == SIGNS[whole.vote]):
+    if whole is None or (sign and sign.strength == "strong" and sign.value == whole.value):
         return sign
-    return _weighed([whole, *evidence], whole.vote if whole.is_strong else 0)
+    return _weighed([whole, *evidence], whole.value if whole.strength == "strong" else "")
 
 
-def _weighed(evidence: Sequence[Evidence], vote: int = 0) -> Decision | None:
-    """The sign of that vote, or where it is zero of most of the evidence.
+def _weighed(evidence: Sequence[Decision], value: str = "") -> Decision | None:
+    """The sign of that value, or where none is given of most of the evidence.
 
     Where it weighs the same on either side, the first decides: the voltage is physics, the counters
     are names.
     """
     if not evidence:
         return None
-    total = sum(look.vote * (2 if look.is_strong else 1) for look in evidence)
-    vote = vote or int(np.sign(total)) or evidence[0].vote
-    against = [look for look in evidence if look.vote == -vote]
-    is_strong = vote * total >= 2 and not any(look.is_strong for look in against)
-    reason = "; ".join(look.words for look in evidence if look.vote == vote)
+    weight = {CHARGE: 0, DISCHARGE: 0}
+    for look in evidence:
+        weight[look.value] += 2 if look.strength == "strong" else 1
+    value = value or max((look.value for look in evidence), key=lambda sign: weight[sign])
+    against = [look for look in evidence if look.value != value]
+    more = 2 * weight[value] - sum(weight.values())
+    is_strong = more >= 2 and not any(look.strength == "strong" for look in against)
+    reason = "; ".join(look.reason for look in evidence if look.value == value)
     if against:
-        reason += "; against it: " + "; ".join(look.words for look in against)
-    return Decision(SIGNS[vote], "strong" if is_strong else "weak", reason)
+        reason += "; against it: " + "; ".join(look.reason for look in against)
+    return Decision(value, "strong" if is_strong else "weak", reason)
+
+
+def _evidence(agreement: float, is_strong: bool | np.bool_, words: str) -> Decision:
+    """What one look at the data says, by its agreement with a charge-positive current."""
+    value = CHARGE if agreement > 0 else DISCHARGE
+    return Decision(value, "strong" if is_strong else "weak", words)
 
 
 def _doubts(samples: Samples, sign: Decision) -> list[Notice]:
@@ -151,7 +143,7 @@ def step_votes(samples: Samples) -> tuple[Int[np.ndarray, "steps"], Float[np.nda
     return at, np.sign(samples.step_a[at] * samples.answer_v[at])
 
 
-def _at_current_steps(samples: Samples) -> Evidence | None:
+def _at_current_steps(samples: Samples) -> Decision | None:
     """A cell's resistance lifts its voltage when the charging current steps up, or a few rows
     later where the voltage is late."""
     noise_v = voltage_noise_v(few(samples.answer_v, MORE)[~few(samples.is_step, MORE)])
@@ -168,7 +160,7 @@ def _at_current_steps(samples: Samples) -> Evidence | None:
         vote, share, count = every if is_strong else clear
     steps = f"{round(share * count)} of {count} steps"
     words = f"the voltage {_moves(vote)} with the current at {steps}"
-    return Evidence(vote * share, is_strong, words) if share >= 0.7 else None
+    return _evidence(vote * share, is_strong, words) if share >= 0.7 else None
 
 
 def _moves(agreement: float) -> str:
@@ -189,7 +181,7 @@ _PARTS, _PART, _FEWEST_PARTS = 100, 20, 10
 _PASSED_H, _MOVED_V, _EXPLAINS = 0.05, 0.1, (0.8, 0.9)
 
 
-def _over_the_record(samples: Samples) -> Evidence | None:
+def _over_the_record(samples: Samples) -> Decision | None:
     """Charge that goes in lifts the voltage at the same current, however late it is logged."""
     count = min(_PARTS, len(samples) // _PART)
     charge_ah = np.cumsum((samples.begun_ah + samples.ended_ah) / 2)
@@ -212,10 +204,10 @@ def _over_the_record(samples: Samples) -> Evidence | None:
         return None
     moves = f"{_moves(agreement)} by {moved_v:.2g} V"
     words = f"over the whole record the voltage {moves} with the charge"
-    return Evidence(agreement, abs(agreement) > _EXPLAINS[1], words)
+    return _evidence(agreement, abs(agreement) > _EXPLAINS[1], words)
 
 
-def _under_sustained_current(samples: Samples) -> Evidence | None:
+def _under_sustained_current(samples: Samples) -> Decision | None:
     """A steady charging current lifts the voltage; weighed by how far it moves."""
     current, voltage = samples.current_a, samples.voltage_v
     magnitude = np.abs(current)
@@ -240,10 +232,10 @@ def _under_sustained_current(samples: Samples) -> Evidence | None:
         return None
     many = f"{share:.0%} of {total:.3g} V in {counted(int(is_clear.sum()), 'run')}"
     words = f"under sustained positive current the voltage {_moves(vote)} ({many})"
-    return Evidence(vote * share, share >= 0.9 and total >= 0.1, words)
+    return _evidence(vote * share, share >= 0.9 and total >= 0.1, words)
 
 
-def _of_counters(samples: Samples) -> Evidence | None:
+def _of_counters(samples: Samples) -> Decision | None:
     """The tester's own counters say which current it calls a charge."""
     counted_ah = samples.counters.increments_ah(with_net=False)
     if counted_ah is None:
@@ -254,10 +246,10 @@ def _of_counters(samples: Samples) -> Evidence | None:
     how = "agree with" if agreement > 0 else "run against"
     sign = f"the current's sign (correlation {agreement:.2f})"
     words = f"the tester's charge and discharge counters {how} {sign}"
-    return Evidence(agreement, abs(agreement) > 0.7, words)
+    return _evidence(agreement, abs(agreement) > 0.7, words)
 
 
-def _of_states(samples: Samples) -> Evidence | None:
+def _of_states(samples: Samples) -> Decision | None:
     """The file's own words for what a step does."""
     if samples.state is None:
         return None
@@ -265,4 +257,4 @@ def _of_states(samples: Samples) -> Evidence | None:
     agreement = float(votes.sum()) / max(np.count_nonzero(votes), 1)
     sign, column = "positive" if agreement > 0 else "negative", samples.header("state")
     words = f"the current is {sign} where '{column}' says that the cell is charged"
-    return Evidence(agreement, True, words) if abs(agreement) >= 0.8 else None
+    return _evidence(agreement, True, words) if abs(agreement) >= 0.8 else None

@@ -178,21 +178,15 @@ def test_the_capacity_of_the_ocv_test_scales_one_that_does_not_span_both_ends():
     assert (alone.capacity_ah, alone.discharge_points) == (2.0, cell.discharge_points)
 
 
-@pytest.mark.parametrize("share", [0.92, 0.979])
-def test_a_charge_that_stops_short_is_scaled_by_the_capacity(share):
+@pytest.mark.parametrize("share", [0.92, 0.979, 0.981, 1.0, 1.019])
+def test_a_charge_is_scaled_by_itself_within_two_percent_and_else_by_the_capacity(share):
+    is_short = share < 0.98
     records = [discharge_only(), scaled(charge_only(), share)]
     cell = characterize(records, capacity_ah=CAPACITY_AH, ocv_fit="interpolated")
-    assert cell.charge_points[-1].soc == pytest.approx(share, abs=1e-9)
-    (told,) = [each for each in cell.warnings if each.code == "ocv-test.scaled"]
-    assert " Ah, the capacity is 2 Ah: its SOC is scaled by the capacity" in told.what
-
-
-@pytest.mark.parametrize("share", [0.981, 1.0, 1.019])
-def test_a_charge_within_two_percent_is_scaled_by_itself_without_a_word(share):
-    records = [discharge_only(), scaled(charge_only(), share)]
-    cell = characterize(records, capacity_ah=CAPACITY_AH, ocv_fit="interpolated")
-    assert cell.charge_points[-1].soc == pytest.approx(1.0, abs=1e-9)
-    assert "ocv-test.scaled" not in {each.code for each in cell.warnings}
+    assert cell.charge_points[-1].soc == pytest.approx(share if is_short else 1.0, abs=1e-9)
+    told = [each.what for each in cell.warnings if each.code == "ocv-test.scaled"]
+    says = " Ah, the capacity is 2 Ah: its SOC is scaled by the capacity"
+    assert [says in each for each in told] == [True] * is_short
 
 
 # What is said of an OCV test that is refused, or that tells less than it should.

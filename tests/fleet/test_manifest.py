@@ -190,20 +190,6 @@ def test_a_dry_run_lists_all_that_is_wrong_and_a_run_names_the_first(tmp_path):
         read_manifest(path)
 
 
-def test_the_manifest_of_the_case_has_six_problems(real_data, tmp_path):
-    case = real_data.parent / "cases" / "systems" / "fleet_worse.csv"
-    if not case.is_file():
-        pytest.skip("the cases are not here")
-    (tmp_path / "rec").mkdir()
-    for name in ("c00", "c01", "c02"):
-        (tmp_path / "rec" / f"{name}.parquet").write_bytes(BUNDLED.record.read_bytes())
-    pl.read_parquet(BUNDLED.ocv[0]).write_csv(tmp_path / "ocv.csv")
-    (tmp_path / case.name).write_bytes(case.read_bytes())
-    problems = []
-    cells, _ = read_manifest(tmp_path / case.name, problems=problems)
-    assert len([*problems, *reasons_in(cells)]) == 6
-
-
 def test_a_validation_window_that_cannot_be_is_named_with_its_cell():
     cells = [FleetCell("a", validate_window={"initial_soc": 95.0})]
     (line,) = reasons_in(cells)

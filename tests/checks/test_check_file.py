@@ -33,27 +33,6 @@ def test_one_read_of_a_file_gives_its_record_and_its_check(tmp_path, monkeypatch
     assert (check_file(source), read_record(source).sha256) == expected
 
 
-def test_many_faults_are_all_detected_at_once(tmp_path):
-    table = frame()
-    table = changed(table, VOLTAGE, np.nan, [77])
-    table = changed(table, TIME, 12.5, [500])
-    table = changed(table, CURRENT, -1000 * table[CURRENT].to_numpy())
-    table = changed(table, VOLTAGE, table[VOLTAGE].to_numpy() * 1000)
-    table = changed(table, VOLTAGE, 4500.0, [3001])
-    outcome = checked(tmp_path, pl.concat([table[:9000], table[9600:]]))
-    assert counting(outcome) == {
-        "cells": "error",
-        "clock": "error",
-        "voltage unit": "error",
-        "unit": "error",
-        "sign": "warning",
-        "spikes": "warning",
-        "gaps": "warning",
-    }
-    severities = [finding.severity for finding in outcome.findings]
-    assert severities == sorted(severities, key=["error", "warning", "note"].index)
-
-
 @pytest.mark.parametrize("capacity_ah", [0.0, float("nan")])
 def test_a_capacity_that_is_none_is_refused(capacity_ah):
     with pytest.raises(InputError, match=r"`capacity` .* must be positive"):

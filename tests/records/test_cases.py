@@ -5,9 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from barnax import InputError, check_file, read_record
-from barnax.cell import characterize, read_ocv_test
-from barnax.checks.against_cell import compare_with_cell
+from barnax import check_file, read_record
 from helpers.records import refusal, remarks
 from helpers.shared import CASES, SHARED, needs_cases, needs_data
 
@@ -33,17 +31,6 @@ CLOCKS = {
 }
 # What would be wrong of any of them.
 NEVER = ("sort the rows", "starts again", "milliamperes, not amperes", "times the current")
-# Files that are refused, and what is said.
-REFUSED = {
-    "eis_nb3_comma.mpt": "an impedance spectrum",
-    "maccor_stats.txt": "a table of one row a cycle",
-    "load_tester_no_names.csv": "write a row of names above it",
-    "ev_sparse_rows.csv": "have values together in no row; join them by time",
-    "open_leads_mV.csv": "no cell is connected",
-    "cp_zero_ewe.mpt": "row 34: EC-Lab wrote 0 under '<Ewe>/V'",
-    "vrm_three_header_rows.csv": "no column for the time",
-    "time_min_no_unit.csv": "columns='time=Time:min'` (samples 4 s apart)",
-}
 
 
 def truth_of(name):
@@ -82,28 +69,6 @@ def test_a_clock_is_read_with_its_span_and_what_was_odd_is_said(name):
 
 
 @needs_cases
-@pytest.mark.parametrize("name", REFUSED)
-def test_a_file_is_refused_with_what_it_is(name):
-    with pytest.raises(InputError) as caught:
-        read_record(FILES / name)
-    assert REFUSED[name] in str(caught.value)
-
-
-@needs_cases
-def test_what_is_advised_reads_the_time_that_nothing_decides():
-    record = read_record(FILES / "time_min_no_unit.csv", columns="time=Time:min")
-    assert record.time_s[-1] == pytest.approx(636.0, rel=1e-4)
-
-
-@needs_cases
-def test_a_record_with_a_named_clock_and_an_soc_is_checked_as_a_record():
-    name = "soc_beside_named_time.csv"
-    check = check_file(FILES / name, columns=TABLES[name]["columns"])
-    assert check.is_clean
-    assert "validation" in [role.name for role in check.roles if role.is_usable]
-
-
-@needs_cases
 def test_seconds_since_a_start_are_no_days():
     one, other = (
         read_record(CASES / "systems" / f"{name}.csv") for name in ("timestamp_s", "time_s")
@@ -118,14 +83,6 @@ def test_a_wrong_count_of_cells_in_series_is_said_and_the_one_that_fits():
     assert "no known lithium-ion cell" in words
     assert "with 144 to 147, cells would have" in words
     assert "in series" not in " ".join(map(str, read_record(file, series=144).warnings))
-
-
-@needs_cases
-def test_a_wrong_capacity_is_named_before_half_the_current():
-    folder = CASES / "cells" / "10_wrong_capacity"
-    cell = characterize([read_ocv_test(folder / "ocv.csv")], capacity_ah=5.0)
-    (warning,) = compare_with_cell(read_record(folder / "log.csv"), cell, 5.0)
-    assert "held 2.5 Ah, not 5 Ah, or the current were half of what flowed" in str(warning)
 
 
 @needs_data

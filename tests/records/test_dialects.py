@@ -104,25 +104,6 @@ def test_both_sides_of_a_step_are_kept_under_one_stamp():
     np.testing.assert_allclose(record.current_a, -TABLE[CURRENT].to_numpy())
 
 
-GIVEN = {"time": "Zeit:min", "current": "I2, gemessen:mA", "voltage": "Klemme [V]"}
-AS_TEXT = "time=Zeit:min,current=I2, gemessen:mA,voltage=Klemme [V]"
-
-
-@pytest.mark.parametrize("given", [AS_TEXT, GIVEN], ids=["text", "mapping"])
-def test_columns_are_the_way_out_for_what_nobody_knows(tmp_path, given):
-    table = pl.DataFrame(
-        {
-            "Zeit": TABLE[TIME] / 60,
-            "I2, gemessen": 1e3 * TABLE[CURRENT],
-            "Klemme [V]": TABLE[VOLTAGE],
-        }
-    )
-    above = b"Pruefstand 7\n\n"
-    require_the_record(read(tmp_path, above + table.write_csv().encode(), columns=given))
-    require_the_record(record_from_frame(table, columns=given))
-    assert check_file(tmp_path / "cell.csv", columns=given).traits.facts["samples"] == 300
-
-
 @pytest.mark.parametrize("given", ["strom=I", "junk", "time=", "time=a,amps=b", {"colour": "red"}])
 def test_columns_of_no_quantity_are_refused(given):
     with pytest.raises(InputError, match=r"^`columns`: .* write them as"):

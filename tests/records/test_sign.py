@@ -71,20 +71,6 @@ def test_counters_give_the_sign_away_where_the_voltage_does_not(tmp_path, sign):
     assert "counters" in decision.reason
 
 
-@pytest.mark.parametrize("sign", SIGNS)
-def test_counters_under_swapped_names_cannot_outvote_the_voltage(tmp_path, sign):
-    current = pulses_a(300)
-    (other,) = set(SIGNS) - {sign}
-    path = written(tmp_path, current, simulated_cell(current), sign, counters=True)
-    frame = pl.read_parquet(path)
-    names = ["Charging Capacity / Ah", "Discharging Capacity / Ah"]
-    frame.rename(dict(zip(names, names[::-1], strict=True))).write_parquet(path)
-    record = read_record(path)
-    assert record.sign.value == sign
-    assert "against it: the tester's charge and discharge counters" in record.sign.reason
-    assert read_record(path, current_sign=other).sign.strength == "given"
-
-
 @pytest.mark.parametrize("promised", SIGNS)
 def test_names_decide_only_where_the_data_say_nothing_and_with_a_warning(tmp_path, promised):
     path = written(

@@ -1,14 +1,10 @@
 """Records come from files of any name and from data frames of any library, by the same rules."""
 
-import os
-import sys
-from pathlib import Path
-
 import numpy as np
 import polars as pl
 import pytest
 
-from barnax import InputError, check_file
+from barnax import InputError
 from barnax.records import read_record, record_from_frame, source_from_frame
 from barnax.records.readers import READERS
 from helpers.records import TIME, VOLTAGE, good_files, pulse_frame
@@ -100,15 +96,3 @@ def test_writing_to_what_a_record_was_made_from_does_not_change_it():
     current_a[3], time_s[3] = 7.0, -1.0
     assert (record.current_a == 1).all()
     assert (np.diff(record.time_s) > 0).all()
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such names")
-def test_a_name_of_broken_utf8_harms_nothing(tmp_path):
-    path = Path(os.fsdecode(os.fsencode(tmp_path) + b"/us\xff06.csv"))
-    FRAME.write_csv(tmp_path / "cell.csv")
-    (tmp_path / "cell.csv").rename(path)
-    assert read_record(path).name == "us\ufffd06.csv"
-    assert check_file(path).file.encode() == "us\ufffd06.csv".encode()
-    path.unlink()
-    with pytest.raises(InputError, match="no such file"):
-        read_record(path)

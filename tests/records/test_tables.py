@@ -62,9 +62,9 @@ def savemat(tree):
 PADDED = "".join(f"No, {line.replace(',', ', 1, 1, ', 1)},\r\n" for line in LINES)
 IN_BLANKS = "".join("{:>14}{:>12}{:>24}\n".format(*line.split(",")) for line in LINES)
 VARIABLES = {"t": TIMES, "I": AMPS, "V": VOLTS}
-GIVEN = FRAME.rename({TIME: "Stempel", CURRENT: "Messkanal 2", VOLTAGE: "Uzelle"})
+GIVEN = FRAME.rename({TIME: "Stempel", CURRENT: "Kanal 2, gemessen", VOLTAGE: "Uzelle"})
 GIVEN = GIVEN.with_columns(SoC=pl.lit(0.5), OCV=pl.col("Uzelle") + 0.1)
-COLUMNS = "time=Stempel:s,current=Messkanal 2,voltage=Uzelle"
+COLUMNS = "time=Stempel:s,current=Kanal 2, gemessen,voltage=Uzelle"
 STATE = FRAME.with_columns(
     pl.col(CURRENT).abs(), Zustand=np.select([AMPS > 0, AMPS < 0], ["Laden", "Entladen"], "Ruhe")
 )
@@ -123,6 +123,8 @@ SAME = {
     "a nested report": written(nested("Cycle ID,Cap_Chg(mAh),Cap_DChg(mAh)")),
     "another nested report": written(nested("Cycle-Index,CapC(mAh),CapD(mAh)")),
     "names that are given": written(GIVEN, columns=COLUMNS),
+    "names that are given, below a line": written(
+        f"Pruefstand 7\n\n{GIVEN.write_csv()}", columns=COLUMNS),
     "names that are given for a workbook": written(sheet(GIVEN), columns=COLUMNS),
     "names that are given, and units below": written(
         GIVEN.write_csv().replace("\n", "\ns,A,V,-,V\n", 1), columns=COLUMNS.replace(":s", "")),

@@ -13,7 +13,7 @@ from typing import Any
 from benchmarks.pages import provenance, publish, save_figure, save_page
 
 from .page import ecdf_figure, page
-from .runs import BASELINES, BBOB, OURS, SPENT, VARIANTS, Suite, measure_suites
+from .runs import BASELINES, BBOB, OURS, RESTARTS, SPENT, VARIANTS, Suite, measure_suites
 from .sections import circuit, many_seeds, speed
 
 FOLDER = Path(__file__).parents[1] / "results"
@@ -42,9 +42,12 @@ def sections(is_quick: bool, workers: int) -> dict[str, Callable[[], dict[str, A
     budget, runs = (10_000, 3) if is_quick else (100_000, 51)
     halves = [Suite(2017, 10, ODD, budget, runs), Suite(2022, 10, ALL_2022, budget, runs)]
     methods = (*OURS, *BASELINES)
+    # Restarts come after 200 generations of stagnation, which smaller budgets do not have.
+    restarted = [half._replace(budget=100_000, runs=5 if is_quick else 51) for half in halves]
     return {
         **{s.name: partial(measure_suites, [s], methods, workers) for s in chosen},
         "ablation": partial(measure_suites, halves, VARIANTS, workers),
+        "restarts": partial(measure_suites, restarted, RESTARTS, workers),
         "circuit": circuit,
         "speed": speed,
         "seeds": many_seeds,

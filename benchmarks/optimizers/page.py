@@ -181,9 +181,11 @@ def page(sections: dict[str, Any], suites: list[str], missing: list[str]) -> str
             lines += heading(title, sections[name])
             lines += [*ranking(results), *errors_and_times(results)]
     lines += ["## Targets reached", "", "![Share of targets reached](optimizers.png)", ""]
-    if "ablation" in sections:
-        lines += heading("What each part of `ibmo-adaptive` is worth", sections["ablation"])
-        for title, results in of_suites(sections["ablation"]):
+    for name, title in (("ablation", "each part"), ("restarts", "a restart")):
+        if name not in sections:
+            continue
+        lines += heading(f"What {title} of `ibmo-adaptive` is worth", sections[name])
+        for title, results in of_suites(sections[name]):
             lines += [f"### {title}", "", *ranking(results, "ibmo-adaptive")]
     for name in [name for name in TABLES if name in sections]:
         title, columns = TABLES[name]

@@ -41,7 +41,10 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "no history of success": {"is_adaptive": False},
     "no eigen coordinates": {"eigen_share": 0.0},
     "no reduction": {"is_shrinking": False},
+    "no restarts": {"patience": np.inf},
 }
+# Those between which restarts are judged; Friedman's test takes three.
+RESTARTS = ("ibmo-adaptive", "no restarts", "no mating")
 # The published settings. The package would stop where its candidates lie close together.
 BASELINES: dict[str, tuple[str, Callable[[int], dict[str, Any]]]] = {
     "de": (

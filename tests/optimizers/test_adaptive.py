@@ -143,3 +143,31 @@ def test_each_part_of_the_ranking_has_a_mother_and_the_last_four_all_are():
         mothers = a_generation(solver, 4, generation)[3].brood.mother
         assert set(np.asarray(mothers) * 4 // living) == {0, 1, 2, 3}
     assert living == 4
+
+
+def test_a_population_that_stagnates_gives_way_to_a_fresh_one_that_is_evaluated_whole():
+    """The best has not fallen since the first population: six generations are too many."""
+    with jax.enable_x64(True):
+        solver = AdaptiveMating(POPULATION, 40, patience=5)
+        swarm, drawn, offspring, history = a_generation(solver, 3, 6)
+        assert a_generation(solver, 3, 5)[3].restart == 0
+        assert history.restart == history.latest == 6
+        losses = np.random.default_rng(2).uniform(1, 9, POPULATION)
+        # In the seventh generation two of the twenty live no more, those that come last.
+        for generation, part, living in ((6, slice(10), 10), (7, slice(10, 20), 18)):
+            np.testing.assert_array_equal(offspring, drawn.fresh[part])
+            born = Swarm(jnp.asarray(offspring), jnp.asarray(losses[part]), history)
+            swarm = solver.survive(swarm, born, jnp.array(generation))
+            later = jnp.array(generation + 1)
+            offspring, history = solver.propose(
+                solver.draw(jr.key(9), later, Box(-jnp.ones(DIMS), jnp.ones(DIMS))),
+                swarm, later, Box(-jnp.ones(DIMS), jnp.ones(DIMS)),
+            )  # fmt: skip
+            order = np.argsort(losses[:living])
+            np.testing.assert_array_equal(swarm.losses[:living], losses[order])
+            np.testing.assert_array_equal(swarm.positions[:living], drawn.fresh[order])
+        assert solver._living(later, history) == round(20 - 16 * (2 / 34) ** 0.6)
+    np.testing.assert_array_equal(swarm.memory.scales, solver.scale)
+    np.testing.assert_array_equal(swarm.memory.rates, solver.rate)
+    assert int(swarm.memory.latest) == (7 if losses[:10].min() > losses[10:].min() else 6)
+    assert not (np.asarray(offspring)[:, None] == drawn.fresh).all(axis=-1).any()

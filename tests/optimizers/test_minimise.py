@@ -3,6 +3,7 @@
 import subprocess
 import sys
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import jax.random as jr
@@ -22,6 +23,10 @@ SMALL = {"population": 8, "iterations": 20}
 
 def bowl(y, args):
     return jnp.sum((y - CENTER) ** 2)
+
+
+def lost(y, args):
+    return jnp.nan * y[0]
 
 
 def run(stop=None, fn=bowl, key=KEY, **settings):
@@ -80,13 +85,35 @@ def test_no_search_that_is_over_reports_beside_others():
         ({"key": 3}, r"give `jax.random.key\(3\)`"),
         ({"lower": jnp.array([-jnp.inf, 0.0])}, "are not finite"),
         ({"upper": jnp.nan}, "are not finite"),
+        ({"optimizer": "pso"}, r"`optimizer` 'pso' is no optimizer; .*make_optimizer\('pso', "),
+        ({"optimizer": BarnacleMating}, "`optimizer` <class .*Mating'> is no optimizer"),
+        (
+            {"lower": [-4.0, -4.0], "upper": [3.0, 3.0]},
+            r"`fn` cannot compute with a list, .*`lower` \[-4.0, -4.0\].* give .*jnp.array\(\[-4",
+        ),
+        ({"fn": lost}, r"`fn` is NaN or infinite at all 168 candidates .*between \[-4. -4.\] and"),
+        ({"fn": lost, "restarts": 1}, "at all 336 candidates"),
     ],
-    ids=["keys", "number", "infinite", "nan"],
-)
-def test_what_no_search_can_begin_from_is_refused(changes, match):
-    given = {"lower": LOWER, "upper": UPPER, "key": KEY, **changes}
+    ids=[
+        "keys", "number", "infinite", "nan", "name", "class", "list", "nowhere", "nowhere again",
+    ],
+)  # fmt: skip
+def test_what_no_search_can_be_made_of_is_refused(changes, match):
+    given = {"fn": bowl, "optimizer": BarnacleMating(**SMALL), "lower": LOWER, "upper": UPPER}
     with pytest.raises(InputError, match=match):
-        minimise(bowl, BarnacleMating(**SMALL), given.pop("lower"), given.pop("upper"), **given)
+        minimise(**given | {"key": KEY} | changes)
+
+
+def test_lists_serve_functions_of_lists_and_a_traced_search_raises_too():
+    def of_list(y, args):
+        return bowl(jnp.stack(y), args)
+
+    ends = [-4.0, -4.0], [3.0, 3.0]
+    solution = minimise(of_list, BarnacleMating(**SMALL), *ends, key=KEY)
+    assert isinstance(solution.value, list)
+    assert minimise(lost, BarnacleMating(**SMALL), *ends, key=KEY, throw=False).value
+    with pytest.raises(eqx.EquinoxRuntimeError):
+        eqx.filter_jit(lambda key: run(fn=lost, key=key).value)(KEY)
 
 
 def test_a_guess_is_the_first_candidate_and_has_to_lie_inside():

@@ -7,6 +7,7 @@ import jax
 import numpy as np
 import pytest
 
+from barnax import InputError
 from barnax.search.answers import AtBound
 from barnax.search.seeds import refine, search_seeds
 from helpers.problems import other_problem
@@ -139,3 +140,8 @@ def test_a_pair_far_faster_than_the_sampling_is_reported_at_its_bound(checked_on
     assert AtBound("tau1 [s]", "lower") in refinement.at_bound
     assert (found.r0 + found.r[0]) == pytest.approx(r0 + r1, rel=5e-3)
     assert (found.r[1], found.c[1]) == pytest.approx((r2, c2), rel=5e-3)
+
+
+def test_a_name_is_no_optimizer(short_problem):
+    with pytest.raises(InputError, match=r"^`optimizer` 'pso' is no optimizer; .*make_optimizer"):
+        search_seeds(short_problem, "pso", key=jax.random.key(0))

@@ -4,24 +4,27 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import jax.random as jr
-from jaxtyping import Array, Float, Int, Key
+from jaxtyping import Array, Float, Int, Key, Scalar
 
 from .ask_tell import Generation, Proposal
 from .draws import normal
-from .population import AbstractPopulationMinimiser
+from .population import AbstractPopulationMinimiser, where_else
 from .swarm import Box, Swarm, sort_by_loss
 
 # Spread of scales (Cauchy) and of crossover rates (normal) about the remembered ones (SHADE).
 SPREAD = 0.1
+# A best loss that falls by no more than this share of itself stagnates.
+FLAT = 1e-9
 
 
 class Chances(NamedTuple):
     """The draws of one generation, uniform in [0, 1): by offspring, and by dimension too; `normal`
-    are normal numbers."""
+    are normal numbers, `fresh` the positions of a population to restart with."""
 
     uniform: Float[Array, "draws offspring"]
     kept: Float[Array, "offspring dims"]
     normal: Float[Array, "offspring dims+1"]
+    fresh: Float[Array, "candidates dims"]
 
 
 class Brood(NamedTuple):
@@ -42,12 +45,18 @@ class History(NamedTuple):
         rates: The same of crossover rates.
         shells: Positions of replaced mothers; at first those of the first population.
         brood: The latest offspring.
+        restart: The generation in which the population was last fresh.
+        best: Its best loss since.
+        latest: The generation in which that last fell.
     """
 
     scales: Float[Array, "memory"]
     rates: Float[Array, "memory"]
     shells: Float[Array, "candidates dims"]
     brood: Brood
+    restart: Generation
+    best: Scalar
+    latest: Generation
 
 
 class AdaptiveMating(AbstractPopulationMinimiser):
@@ -70,6 +79,8 @@ class AdaptiveMating(AbstractPopulationMinimiser):
       share of the generations that is over; at one that is linear (Tanabe and Fukunaga, 2014). The
       arrays keep their sizes, and so do the offspring of a generation: where few live, each has
       several, and every evaluation is one of an offspring.
+    - `patience`: generations in which the best loss may stagnate; then a fresh population, as
+      large as the first, restarts the search and shrinks in the generations that are left.
     - `pl`: below zero none mate.
 
     `python -m benchmarks.optimizers --only ablation` measures what each part is worth;
@@ -80,6 +91,7 @@ class AdaptiveMating(AbstractPopulationMinimiser):
     is_adaptive: bool = True
     eigen_share: float = 0.5
     is_shrinking: bool = True
+    patience: float = 200
     offspring_share: float = 0.5
     memory: int = 6
     scale: float = 0.3
@@ -90,35 +102,53 @@ class AdaptiveMating(AbstractPopulationMinimiser):
     reduction_power: float = 0.6
 
     def prepare(self, swarm: Swarm, box: Box) -> Swarm:
-        swarm = sort_by_loss(swarm)
+        return self._begun(sort_by_loss(swarm), jnp.array(0))
+
+    def _begun(self, swarm: Swarm, generation: Generation) -> Swarm:
+        """A population with a history that begins."""
         dtype, count = swarm.positions.dtype, self._offspring
         nobody = jnp.zeros(count, jnp.int32)
         brood = Brood(nobody, jnp.zeros(count, dtype), jnp.zeros(count, dtype), nobody)
         scales, rates = (jnp.full(self.memory, mean, dtype) for mean in (self.scale, self.rate))
-        history = History(scales, rates, swarm.positions, brood)
+        start = generation, swarm.losses[0], generation
+        history = History(scales, rates, swarm.positions, brood, *start)
         return Swarm(swarm.positions, swarm.losses, history)
 
     def draw(self, key: Key[Array, ""], generation: Generation, box: Box) -> Chances:
         count, dims, dtype = self._offspring, len(box.lower), box.lower.dtype
-        uniform_key, kept_key, normal_key = jr.split(key, 3)
+        uniform_key, kept_key, normal_key, fresh_key = jr.split(key, 4)
+        fresh = jr.uniform(fresh_key, (self.population, dims), jnp.float32).astype(dtype)
         return Chances(
             jr.uniform(uniform_key, (11, count), jnp.float32).astype(dtype),
             jr.uniform(kept_key, (count, dims), jnp.float32).astype(dtype),
             normal(normal_key, (count, dims + 1), dtype),
+            box.scale(fresh),
         )
 
     def propose(self, drawn: Chances, swarm: Swarm, generation: Generation, box: Box) -> Proposal:
-        positions, history = swarm.positions, swarm.memory
-        living, count = self._living(generation), self._offspring
+        history: History = swarm.memory
+        count, nothing = self._offspring, jnp.full_like(swarm.losses, jnp.inf)
+        fresh = self._begun(Swarm(drawn.fresh, nothing), generation)
+        is_stuck = generation - history.latest > self.patience
+        positions, history = where_else(
+            is_stuck, (fresh.positions, fresh.memory), (swarm.positions, history)
+        )
+        living = self._living(generation, history)
         of_mother, of_father, of_elite, of_one, of_other, of_shell, of_slot, *rest = drawn.uniform
         of_scale, of_low_scale, of_axis, of_turn = rest
         # One mother from each of as many parts of the ranking as there are offspring.
         part = jnp.arange(count, dtype=of_mother.dtype)
         mother = _chosen((part + of_mother) / count, living)
+        # After a restart the population itself comes first, part by part.
+        first = (generation - history.restart) * count
+        is_fresh = (history.restart > 0) & (first < self.population)
+        row = jnp.minimum(first.astype(jnp.int32) + part.astype(jnp.int32), self.population - 1)
+        mother = jnp.where(is_fresh, row, mother)
         father = (mother + 1 + _chosen(of_father, living - 1)) % living
         one = _chosen(of_one**self.rank_pressure, living)
         one = jnp.where(one == mother, (one + 1) % living, one)
-        share = self.elite_share * (1 - generation.astype(part.dtype) / (2 * self.iterations))
+        share_over = self._share_over(generation, history).astype(part.dtype)
+        share = self.elite_share * (1 - share_over / 2)
         elites = jnp.maximum(2, (share * living.astype(part.dtype)).astype(jnp.int32))
         elite = positions[_chosen(of_elite, elites)]
         others = jnp.concatenate([history.shells, positions])
@@ -138,11 +168,17 @@ class AdaptiveMating(AbstractPopulationMinimiser):
         axes = _eigenvectors(positions, living // 2)
         turned = _product(jnp.where(is_new, _product(step, axes), 0), axes.T)
         step = jnp.where((of_turn < self.eigen_share)[:, None], turned, jnp.where(is_new, step, 0))
+        step = jnp.where(is_fresh, 0, step)
         return self._inside(start + step, start, box), history._replace(brood=brood)
 
     def survive(self, swarm: Swarm, offspring: Swarm, generation: Generation) -> Swarm:
         history: History = offspring.memory
         brood = history.brood
+        is_begun = history.restart == generation
+        swarm = Swarm(
+            jnp.where(is_begun, history.shells, swarm.positions),
+            jnp.where(is_begun, jnp.inf, swarm.losses),
+        )
         mothers = swarm.at(brood.mother)
         gain = mothers.losses - offspring.losses
         gain = jnp.where((gain > 0) & jnp.isfinite(gain), gain, 0)
@@ -154,7 +190,7 @@ class AdaptiveMating(AbstractPopulationMinimiser):
         row = jnp.where(is_best, brood.mother, self.population)
         positions = swarm.positions.at[row].set(offspring.positions, mode="drop")
 
-        is_living = jnp.arange(self.population, dtype=jnp.int32) < self._living(generation)
+        is_living = jnp.arange(self.population, dtype=jnp.int32) < self._living(generation, history)
         order = jnp.argsort(jnp.where(is_living, losses, jnp.inf))
         scales, rates = history.scales, history.rates
         if self.is_adaptive:
@@ -162,19 +198,28 @@ class AdaptiveMating(AbstractPopulationMinimiser):
                 _remembered(means, values, gain)
                 for means, values in ((scales, brood.scale), (rates, brood.rate))
             )
-        return Swarm(positions[order], losses[order], History(scales, rates, shells, brood))
+        best = jnp.min(losses)
+        has_fallen = history.best - best > FLAT * jnp.abs(best)
+        best, latest = where_else(has_fallen, (best, generation), (history.best, history.latest))
+        history = History(scales, rates, shells, brood, history.restart, best, latest)
+        return Swarm(positions[order], losses[order], history)
 
     @property
     def _offspring(self) -> int:
         """Offspring of a generation."""
         return max(1, int(self.offspring_share * self.population))
 
-    def _living(self, generation: Generation) -> Int[Array, ""]:
+    def _share_over(self, generation: Generation, history: History) -> Scalar:
+        """The share of the generations since the latest restart that is over."""
+        return (generation - history.restart) / jnp.maximum(1, self.iterations - history.restart)
+
+    def _living(self, generation: Generation, history: History) -> Int[Array, ""]:
         """Of the population, how many live in a generation."""
         if not self.is_shrinking:
             return jnp.int32(self.population)
         least = min(4, self.population)
-        spent = (generation / self.iterations).astype(jnp.float32) ** self.reduction_power
+        share = self._share_over(generation, history).astype(jnp.float32)
+        spent = share**self.reduction_power
         living = jnp.round(self.population - (self.population - least) * spent)
         return jnp.maximum(least, living).astype(jnp.int32)
 

@@ -255,6 +255,7 @@ class AbstractPopulationSearch(eqx.Module):
 
 def evaluations_per_iteration(optimizer: AbstractPopulationSearch) -> int:
     """Number of candidates that the optimizer evaluates in one generation."""
+    require_optimizer(optimizer)
 
     def first_offspring(key):
         first, state = optimizer.ask(optimizer.begin(key, jnp.zeros(2), jnp.ones(2)))
@@ -274,6 +275,15 @@ def as_key(key: Array) -> Key[Array, "*keys"]:
     if not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
         key = jr.wrap_key_data(key)
     return written_out(key)
+
+
+def require_optimizer(optimizer: Any) -> None:
+    if not isinstance(optimizer, AbstractPopulationSearch):
+        name = optimizer if isinstance(optimizer, str) else "ibmo"
+        raise InputError(
+            f"`optimizer` {optimizer!r} is no optimizer; give one that was made, such as "
+            f"make_optimizer({name!r}, population=30, iterations=500)"
+        )
 
 
 def require_order(lower: Any, upper: Any) -> None:

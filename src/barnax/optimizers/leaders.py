@@ -315,9 +315,11 @@ class ImprovedGreyWolf(AbstractPopulationMinimiser):
     evaluations a wolf and generation. The leaders are those of `GreyWolf`, as in the authors' code.
     By default a coordinate that leaves the box is put on its bound, as by every optimizer of this
     package, and the random wolf of a step is drawn anew in every dimension, as the paper's Eq. 12
-    reads. The authors' code does otherwise: with `midpoint_bounds` the coordinate is put halfway
-    between the bound and where the wolf stands, and with `one_random_wolf` that wolf is one for all
-    dimensions, from a permutation of the pack. With both, the search is that of the code.
+    reads. The authors' code (IGWO.m, version 1.0) does otherwise: with `midpoint_bounds` the
+    coordinate is put halfway between the bound and where the wolf stands, and with
+    `one_random_wolf` that wolf is one for all dimensions, from a permutation of the pack. With
+    both, the search is that of the code, line by line, but that a beta or delta nobody is yet
+    stands where a wolf does, not at the origin; a test compares its final losses with the code's.
 
     Li et al. (2023) cite this algorithm, but their Table 2 column of the same name is not its
     work: `benchmarks/results/table2_z_scores.md`. No option here gives that column.

@@ -15,8 +15,8 @@ from jax.core import Tracer
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Key, PyTree
 
-from ..errors import InputError
-from .ask_tell import as_key
+from ..errors import InputError, reason_of
+from .ask_tell import as_key, require_optimizer
 from .population import AbstractPopulationMinimiser, flat_bounds, where_else
 
 # What JAX raises where a function asks for the values of a traced argument, as NumPy's do.
@@ -77,7 +77,8 @@ def minimise(
         throw: True if a search where no loss was finite is to raise.
 
     Raises `InputError` for bounds in the wrong order or infinite, a `y0` outside them, keys of more
-    than one row, and a function that JAX cannot trace.
+    than one row, what is no optimizer, and a function that JAX cannot trace, that fails on lists
+    which the bounds are, or that is nowhere finite.
 
     >>> from barnax.optimizers import ibmo_centered
     >>> ends = {"r": 0.0, "tau": jnp.zeros(2)}, {"r": 1.0, "tau": jnp.full(2, 9.0)}
@@ -90,6 +91,7 @@ def minimise(
     >>> bool(abs(solution.value["r"] - 0.5) < 0.1)
     True
     """
+    require_optimizer(optimizer)
     if y0 is None:
         y0, use_y0 = jax.tree.map(_zeros_between, lower, upper), False
     else:
@@ -100,23 +102,41 @@ def minimise(
     if (keys := as_key(key)).ndim > 1:
         raise InputError(f"`key` has the shape {keys.shape}; give a key, or a row of keys")
     try:
-        return _solve(fn, optimizer, y0, args, options, keys, restarts, has_aux, throw)
+        solution = _solve(fn, optimizer, y0, args, options, keys, restarts, has_aux)
     except ASKS_FOR_VALUES as error:
         raise InputError(
             "the function asks for values while JAX traces it, as NumPy and branches on them do; "
             "write it with jax.numpy, or give `from_numpy(fn)`, which calls Python every time"
         ) from error
+    except TypeError as error:
+        if not isinstance(y0, list | tuple):
+            raise
+        raise InputError(
+            f"`fn` cannot compute with a {type(y0).__name__}, which `y0`, else `lower` {lower}, "
+            f"is ({reason_of(error)}); give arrays, such as jnp.array({lower})"
+        ) from error
+    is_lost = solution.result == optx.RESULTS.nonfinite
+    if throw and isinstance(is_lost, Tracer):
+        return solution.result.error_if(solution, is_lost)
+    if throw and np.any(is_lost):
+        raise InputError(
+            f"`fn` is NaN or infinite at all {np.max(solution.stats['evaluations'])} candidates of "
+            f"a search between {lower} and {upper}; search where it is finite, or give a `y0` "
+            "where it is"
+        )
+    return solution
 
 
 @eqx.filter_jit
-def _solve(fn, optimizer, y0, args, options, keys, restarts, has_aux, throw) -> optx.Solution:
+def _solve(fn, optimizer, y0, args, options, keys, restarts, has_aux) -> optx.Solution:
     how: dict[str, Any] = {"has_aux": has_aux, "max_steps": None, "adjoint": Undifferentiated()}
+    how["throw"] = False
 
     def search(key):
-        return optx.minimise(fn, optimizer, y0, args, options | {"key": key}, throw=throw, **how)
+        return optx.minimise(fn, optimizer, y0, args, options | {"key": key}, **how)
 
     def search_again(key):
-        first = optx.minimise(fn, optimizer, y0, args, options | {"key": key}, throw=False, **how)
+        first = search(key)
         arrays, rest = eqx.partition(first, eqx.is_array)
         stop = optimizer.stop
 
@@ -135,7 +155,7 @@ def _solve(fn, optimizer, y0, args, options, keys, restarts, has_aux, throw) -> 
             left = left if left is None else left - best.stats["evaluations"]
             asked = options | {"key": jr.fold_in(key, number), "use_y0": False}
             solver = replace(optimizer, stop=replace(stop, max_evaluations=left))
-            new = optx.minimise(fn, solver, y0, args, asked, throw=False, **how)
+            new = optx.minimise(fn, solver, y0, args, asked, **how)
             is_better = new.stats["best_loss"] < best.stats["best_loss"]
             kept = where_else(is_better, eqx.filter(new, eqx.is_array), best)
             spent = {
@@ -144,12 +164,7 @@ def _solve(fn, optimizer, y0, args, options, keys, restarts, has_aux, throw) -> 
             return number + 1, eqx.tree_at(lambda s: s.stats, kept, kept.stats | spent)
 
         _, arrays = lax.while_loop(goes_on, again, (jnp.array(1), arrays))
-        solution = eqx.combine(arrays, rest)
-        if throw:
-            solution = solution.result.error_if(
-                solution, solution.result != optx.RESULTS.successful
-            )
-        return solution
+        return eqx.combine(arrays, rest)
 
     one = search_again if restarts else search
     return one(keys) if keys.ndim == 0 else eqx.filter_vmap(one)(keys)

@@ -28,6 +28,7 @@ from ..model.compressed import Coordinates
 from ..model.problem import Objective, Problem, point_blocks, residuals, rmse, rmse_by_scan
 from ..model.search_space import Kind
 from ..optimizers import OPTIMIZERS, AbstractPopulationMinimiser, minimise
+from ..optimizers.ask_tell import require_optimizer
 from ..optimizers.run import Undifferentiated
 from .answers import (
     AT_BOUND,
@@ -88,6 +89,7 @@ def search_many(
 
     Raises as `search_seeds`.
     """
+    require_optimizer(optimizer)
     if seeds < 1:
         raise InputError(f"`seeds` {seeds}: at least one seed is needed")
     block_keys = [

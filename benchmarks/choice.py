@@ -21,14 +21,14 @@ import barnax
 from barnax.blas import one_blas_thread
 from barnax.bundled import BUNDLED
 from barnax.execution import in_float64
+from barnax.fit.table_fit import visited_soc
+from barnax.identification.pipeline import with_ocv_test
+from barnax.identification.setup import bounded_tables, fit_ocv
 from barnax.inputs import read_inputs
 from barnax.job import Job
 from barnax.model.prepared import PreparedRecord, Window, prepare_record
 from barnax.model.reference import errors_along
-from barnax.over_soc.fit import visited_soc
-from barnax.pipeline import with_ocv_test
 from barnax.records.hold import sampled_as
-from barnax.run_setup import bounded_tables, fit_ocv
 from barnax.select.choose import Bench, Fitted
 from barnax.select.family import NODE_LADDER, Point, limits_of
 from benchmarks.pages import as_markdown, given_folder, provenance, publish

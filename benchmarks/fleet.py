@@ -35,12 +35,12 @@ ONE_CIRCUIT: dict[str, Any] = {"seeds": 0, "model": "iso-rc"}
 DEFAULT: dict[str, Any] = {"seeds": 0}
 # What a stage of a cell is called, and the function where its caller reads it.
 STAGES = {
-    "reading and checks": "barnax.pipeline:read_inputs",
+    "reading and checks": "barnax.identification.pipeline:read_inputs",
     "reduction": "barnax.model.problem:compress",
-    "certified optimum, with the reduction": "barnax.identification:find_global_optimum",
-    "evaluation": "barnax.identification:evaluate",
-    "intervals": "barnax.identification:assess",
-    "result": "barnax.identification:make_result",
+    "certified optimum, with the reduction": "barnax.identification.answer:find_global_optimum",
+    "evaluation": "barnax.identification.answer:evaluate",
+    "intervals": "barnax.identification.answer:assess",
+    "result": "barnax.identification.answer:make_result",
     "row": "barnax.fleet.rows:row_of",
 }
 

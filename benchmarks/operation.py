@@ -16,7 +16,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 import barnax
-from barnax.over_soc.node_interval import NodeInterval
+from barnax.fit.node_interval import NodeInterval
 from benchmarks.pages import as_markdown, provenance, save_page
 
 RESULTS = Path(__file__).parent / "results" / "operation.md"

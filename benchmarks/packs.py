@@ -16,12 +16,12 @@ from tests.helpers.packs import PackedCell, alike, drive_a, frame, ocv_table, si
 
 import barnax
 from barnax.cell.parameters import ANYWHERE
-from barnax.factors import factors_to_bytes
+from barnax.fit.factor_file import factors_to_bytes
+from barnax.fit.pack import CAPACITY, R0, SHIFT, TOTAL
+from barnax.fit.record_factors import Grid, factors_of
 from barnax.fleet.dataset import dataset_path, factors_path, keep_file, regrouped, write_rows
 from barnax.fleet.engine import identify_fleet
 from barnax.model.prepared import PreparedRecord, prepare_record
-from barnax.over_soc.pack import CAPACITY, R0, SHIFT, TOTAL
-from barnax.over_soc.record_factors import Grid, factors_of
 from barnax.pack import Pack, identify_pack
 from benchmarks.pages import as_markdown, provenance, save_page
 

@@ -37,8 +37,8 @@ TOGETHER = {
 }
 FIRST = (
     *TOGETHER,
-    *("tests/over_soc/test_fitted_ocv.py", "tests/checks/test_findings.py", "tests/plan"),
-    *("tests/filters/test_kalman.py", "tests/over_soc/test_registration.py", "tests/select"),
+    *("tests/fit/test_fitted_ocv.py", "tests/checks/test_findings.py", "tests/plan"),
+    *("tests/filters/test_kalman.py", "tests/fit/test_registration.py", "tests/select"),
     *("tests/optimizers", "tests/life", "tests/test_answer.py"),
 )
 

@@ -7,9 +7,9 @@ import pytest
 
 import barnax
 from barnax import CircuitParameters, Job, Result, Window
+from barnax.fit.cross_validation import SocErrors
 from barnax.model.prepared import prepare_record
 from barnax.model.reference import simulate_circuit
-from barnax.over_soc.cross_validation import SocErrors
 from barnax.reporting.first_screen import first_screen
 from barnax.uncertainty.assessment import soc_bands
 from helpers.problems import drive_a

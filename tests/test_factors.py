@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from barnax import InputError, TableSettings, fit_tables
-from barnax.factors import _digest, factors_to_bytes, read_factors
+from barnax.fit.factor_file import _digest, factors_to_bytes, read_factors
+from barnax.fit.record_factors import Grid, factors_of, fit_factors
 from barnax.model.prepared import Window, prepare_record
-from barnax.over_soc.record_factors import Grid, factors_of, fit_factors
 
 NODES = (0.3, 0.5, 0.7, 0.85, 1.0)
 GRID = Grid(low_s=4.0, high_s=250.0, nodes=NODES)

@@ -29,16 +29,16 @@ LAYERS = (
     ("search", "pulses", "filters"),
     ("global_optimum",),
     ("uncertainty", "baselines"),
-    ("over_soc",),
-    ("select", "job", "factors"),
+    ("fit",),
+    ("select", "bounds_file"),
+    ("job",),
     ("inputs", "result_parts"),
     ("results", "plan"),
     ("simulation", "result_filter", "scenarios"),
     ("reopening", "replay", "experiment"),
-    ("export", "life", "run_setup"),
+    ("export", "life"),
     ("identification",),
-    ("comparison",),
-    ("pipeline", "plots"),
+    ("comparison", "plots"),
     ("pack",),
     ("fleet",),
     ("reporting",),
@@ -168,6 +168,18 @@ def outside(*units: str) -> list[Path]:
 
 def test_every_module_has_a_layer():
     assert {unit_of(path) for path in MODULES} - DOORS == set(RANK)
+
+
+def test_the_page_on_architecture_has_the_layers():
+    page = Path(__file__).parents[1] / "docs" / "architecture.md"
+    rows = re.findall(r"^\| (\d*) ?\| `([\w/.]+)` \|", page.read_text(encoding="utf-8"), re.M)
+    layers: list[list[str]] = []
+    for number, name in rows:
+        if number:
+            layers.append([])
+            assert len(layers) == int(number)
+        layers[-1].append(name.removesuffix("/").removesuffix(".py"))
+    assert layers == [[*layer] for layer in LAYERS]
 
 
 def test_a_module_imports_only_from_its_left():

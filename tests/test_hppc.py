@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from barnax import Window, bundled_file, characterize, hppc, pipeline, read_record
+from barnax import Window, bundled_file, characterize, hppc, read_record
+from barnax.identification import pipeline
 from barnax.model.prepared import prepare_record
 
 HPPC = bundled_file("hppc_25degC")

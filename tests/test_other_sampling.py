@@ -6,16 +6,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from barnax import TableSettings, Window, identification, pack, read_record, record_from_frame
+from barnax import TableSettings, Window, pack, read_record, record_from_frame
 from barnax.bundled import BUNDLED
 from barnax.cell import CircuitParameters, characterize
 from barnax.cell.parameters import RATE
+from barnax.fit.node_interval import NodeInterval
+from barnax.fit.pack import PackCell, PackFit, Value
+from barnax.fit.temperature_fits import TableFits
+from barnax.identification import answer
+from barnax.model.other_sampling import resampled_share, resampling, source_shift_ohm
 from barnax.model.prepared import prepare_record
 from barnax.model.reference import simulate_circuit
-from barnax.model.sampling import resampled_share, resampling, source_shift_ohm
-from barnax.over_soc.fits import TableFits
-from barnax.over_soc.node_interval import NodeInterval
-from barnax.over_soc.pack import PackCell, PackFit, Value
 from helpers.problems import drive_a
 from helpers.reference import filtered_response
 
@@ -153,17 +154,17 @@ def test_intervals_reach_over_what_the_other_sampling_makes_of_their_values(monk
     )
     other = constant.with_tables({"R0 [Ohm]": [0.041]})
     # A step that answers 20 mOhm above the constant circuit's R0.
-    monkeypatch.setattr(identification, "answers_ohm", lambda record: None)
-    monkeypatch.setattr(identification, "late_r0_ohm", lambda known: 0.07)
-    monkeypatch.setattr(identification, "hold_warning", lambda *given: given)
-    monkeypatch.setattr(identification, "bands_by_soc", lambda evaluations: ())
+    monkeypatch.setattr(answer, "answers_ohm", lambda record: None)
+    monkeypatch.setattr(answer, "late_r0_ohm", lambda known: 0.07)
+    monkeypatch.setattr(answer, "hold_warning", lambda *given: given)
+    monkeypatch.setattr(answer, "bands_by_soc", lambda evaluations: ())
     bounds = SimpleNamespace(ranges={})
     problem = SimpleNamespace(prepared_records=[prepared], bounds=bounds)
     setup = SimpleNamespace(problem=problem)
     evaluations = SimpleNamespace(identification=[SimpleNamespace(prepared=prepared)])
     warnings = []
-    tables = identification._assessed(setup, fits, evaluations, warnings)
-    others = identification._others(problem, constant, other)
+    tables = answer._assessed(setup, fits, evaluations, warnings)
+    others = answer._others(problem, constant, other)
     # A shift of more than a twentieth is a warning besides.
     far = abs(change.r0_ohm) > 0.05 * R0
     assert [told[1:] for told in warnings] == far * [(R0, R0 + change.r0_ohm)]

@@ -9,7 +9,7 @@ from barnax.cell import CircuitParameters, Element, make_circuit
 from barnax.export import get_exporter
 from barnax.filters.model import ErrorModel, make_model
 from barnax.global_optimum.search import find_global_optimum
-from barnax.pipeline import identify_problem
+from barnax.identification.pipeline import identify_problem
 from helpers.problems import drive_a
 from helpers.reference import filtered_response, make_record
 

@@ -7,11 +7,11 @@ import polars as pl
 import pytest
 
 from barnax import CircuitParameters, InputError, TableSettings, Window, identify_pack
+from barnax.fit.pack import fit_pack
+from barnax.fit.record_factors import Grid, factors_of_cells, fit_factors
 from barnax.fleet.manifest import fleet_cell_from_row
 from barnax.fleet.rows import identify_rows
 from barnax.model.prepared import prepare_record
-from barnax.over_soc.pack import fit_pack
-from barnax.over_soc.record_factors import Grid, factors_of_cells, fit_factors
 from barnax.records import record_from_frame, source_from_frame
 from barnax.records.read import read_pack
 from barnax.reporting.fleet import pack_document

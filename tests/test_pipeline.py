@@ -8,8 +8,9 @@ import polars as pl
 import pytest
 
 import barnax
-from barnax import InputError, Notice, Result, Window, identification
+from barnax import InputError, Notice, Result, Window
 from barnax.bundled import BUNDLED
+from barnax.identification import answer
 from helpers import made_cell
 from helpers.problems import simulated_record
 
@@ -63,7 +64,7 @@ def test_a_failed_assessment_costs_only_itself(few, monkeypatch, failure):
     def fails(*_, **__):
         raise failure
 
-    monkeypatch.setattr(identification, "assess", fails)
+    monkeypatch.setattr(answer, "assess", fails)
     result = barnax.identify(window=SHORT, **(SMALL | {"trust": "full"}))
     assert result.parameters == few.parameters
     assert result.constant.assessment is None
@@ -77,7 +78,7 @@ def test_a_failure_beside_the_search_is_not_swallowed(monkeypatch, name):
     def fails(*_, **__):
         raise RuntimeError("beside the search")
 
-    monkeypatch.setattr(identification, name, fails)
+    monkeypatch.setattr(answer, name, fails)
     with pytest.raises(RuntimeError, match="beside the search"):
         barnax.identify(window=SHORT, **(SMALL | {"trust": "basic"}))
 

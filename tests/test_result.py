@@ -10,7 +10,7 @@ import pytest
 import barnax
 from barnax import Result, Window, find_global_optimum
 from barnax.bundled import BUNDLED
-from barnax.identification import best_of
+from barnax.identification.answer import best_of
 
 SEARCH = {"method": "bmo", "coordinates": "log", "population": 8, "iterations": 4, "key": 3}
 OPTIONS = {

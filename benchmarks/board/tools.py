@@ -16,9 +16,9 @@ import barnax
 from barnax import CircuitParameters, InputError
 from barnax.cell.parameters import OHMIC
 from barnax.execution import in_float64
+from barnax.fit.table_fit import TableFit
 from barnax.model.prepared import PreparedRecord, prepare_record
 from barnax.model.reference import errors_along
-from barnax.over_soc.fit import TableFit
 
 from .records import Split
 

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 
 import barnax
 from barnax.bundled import BUNDLED
-from barnax.model.compressed import Coordinates
+from barnax.model.coordinates import Coordinates
 from barnax.model.prepared import PreparedRecord
 from barnax.model.search_space import Kind
 

@@ -5,11 +5,11 @@ from scipy.optimize import lsq_linear
 from scipy.signal import lfilter
 
 from barnax.cell.tables import hats
+from barnax.fit.objective import TableObjective
+from barnax.fit.settings import TableSettings
+from barnax.fit.table_problem import find_best, reduced_objective
 from barnax.model.descent import LogScales
 from barnax.model.prepared import PreparedRecord, Window, prepare_record
-from barnax.over_soc.objective import TableObjective
-from barnax.over_soc.problem import find_best, reduced_objective
-from barnax.over_soc.settings import TableSettings
 
 from .case import bundled_cell, bundled_record
 from .row import Row

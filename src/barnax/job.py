@@ -12,13 +12,14 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, ParamSpec, Self, TypeVar, get_type_hints
 
+from .bounds_file import GivenRanges
 from .cell import CellModel, get_circuit
 from .display import brief
 from .errors import InputError, choices_in, require_choice, require_number
 from .execution import Watch, unwatched
-from .model.search_space import GivenRanges, Range
+from .fit.settings import TableSettings
+from .model.search_space import Range
 from .model.window import Window, Windows
-from .over_soc.settings import TableSettings
 from .records import Given, Hold
 from .schema import Unstored
 from .settings import CellSettings, Reading, Scope, Settings, TableOptions

@@ -14,14 +14,14 @@ from jaxtyping import Float
 
 from .display import Brief
 from .errors import InputError
+from .fit.pack import CAPACITY, LOADED, R0, SHIFT, TOTAL, PackFit, Value, fit_pack
+from .fit.temperature_fits import TableFits
+from .identification.pipeline import identify
 from .inputs import listed, source_of
 from .job import Job, takes_options
 from .metrics import NORMAL_95, robust_deviations
 from .model.prepared import PreparedRecord
 from .notices import Notice
-from .over_soc.fits import TableFits
-from .over_soc.pack import CAPACITY, LOADED, R0, SHIFT, TOTAL, PackFit, Value, fit_pack
-from .pipeline import identify
 from .records.lag import Scan
 from .records.read import PackRecord, read_pack
 from .results import Result

@@ -13,13 +13,13 @@ from typing import Any
 
 from .bundled import BUNDLED
 from .errors import InputError
+from .fit.registration import rest_warnings
+from .fit.temperature_fits import no_temperature
 from .inputs import source_of, with_warnings_in_errors
 from .metrics import Metrics
 from .model.prepared import prepare_record
 from .model.window import Window
 from .notices import Notice
-from .over_soc.fits import no_temperature
-from .over_soc.registration import rest_warnings
 from .plan.document import folders_in
 from .records import Given, Record, find_file, folders_around, read_record
 from .records.fingerprint import Content, read_fingerprint

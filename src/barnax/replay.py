@@ -20,11 +20,11 @@ from .display import Brief, hook
 from .errors import InputError
 from .execution import compile_for, in_float64
 from .filters import Drive, Filtered, FilterModel, Kind, run_filter
+from .fit.temperature_fits import no_temperature, require_temperature
 from .metrics import Count
 from .model.prepared import PreparedRecord, prepare_record
 from .model.start import Start
 from .model.window import OCV_MARGIN, Window
-from .over_soc.fits import no_temperature, require_temperature
 from .records import Given, Record
 from .result_filter import FilterSettings, model_of, read_for
 from .results import Result

@@ -9,10 +9,10 @@ from .cell.parameters import OCV_CORRECTION
 from .errors import InputError, require_choice
 from .filters import Kind
 from .filters.model import CAPACITY, GRID, OFFSET, ErrorModel, FilterModel, make_model
+from .fit.registration import FULL_SD
 from .inputs import InputFile, require_records, require_voltages, source_of, warnings_about
 from .model.window import Window, merged
 from .notices import Notice
-from .over_soc.registration import FULL_SD
 from .plan import planned_window
 from .records import Given, Record, Source
 from .results import Result

@@ -14,17 +14,17 @@ from pydantic import AfterValidator, Field, ValidationInfo, field_validator, mod
 from .cell import CircuitParameters, OcvTable, get_circuit
 from .cell.model import SAME_DEGC
 from .errors import choices_in
+from .fit.cross_validation import SocErrors
+from .fit.node_interval import NodeInterval
+from .fit.settings import TableSettings, table_name
+from .fit.table_fit import TableFit
+from .fit.temperature_fits import TableFits
 from .global_optimum.certificate import CERTIFIED_GAP
 from .global_optimum.search import GlobalOptimum
 from .metrics import Count, Metrics
-from .model.sampling import resampled_share
+from .model.other_sampling import resampled_share
 from .model.start import Start
 from .model.window import Window
-from .over_soc.cross_validation import SocErrors
-from .over_soc.fit import TableFit
-from .over_soc.fits import TableFits
-from .over_soc.node_interval import NodeInterval
-from .over_soc.settings import TableSettings, table_name
 from .records import Decision, Record, Source
 from .records.fingerprint import Content, read_fingerprint
 from .schema import Parameters, Part

@@ -14,12 +14,12 @@ from pydantic import Field, PrivateAttr, model_validator
 from .cell import CellModel, CircuitParameters
 from .display import hook
 from .errors import InputError
+from .fit.settings import table_name
+from .fit.table_fit import TableFit
+from .fit.temperature_fits import TableFits
 from .job import FileRole
 from .model.start import Start
 from .model.window import Window
-from .over_soc.fit import TableFit
-from .over_soc.fits import TableFits
-from .over_soc.settings import table_name
 from .pulses import Pulse
 from .result_parts import Candidate, CircuitName, ConstantPart, InputPart, MetricsBlock
 from .schema import Document, NoticeField

@@ -63,7 +63,9 @@ def test_a_page_names_benchmarks_that_are_there(page):
     assert not [name for name in names if "NAME" not in name and not is_there(name)]
 
 
-@pytest.mark.parametrize("gone", ["barnax.pipeline:_problem", "benchmarks.gone", "barnax.gone:it"])
+@pytest.mark.parametrize(
+    "gone", ["barnax.identification.pipeline:_problem", "benchmarks.gone", "barnax.gone:it"]
+)
 def test_a_name_that_is_gone_is_noticed(gone):
     assert not is_there(gone)
 

@@ -81,7 +81,7 @@ def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def without_work(monkeypatch: pytest.MonkeyPatch) -> None:
     """A command that reads anything fails: what is refused is refused before."""
-    monkeypatch.setattr("barnax.pipeline.read_inputs", None)
+    monkeypatch.setattr("barnax.identification.pipeline.read_inputs", None)
 
 
 @pytest.fixture

@@ -139,7 +139,7 @@ def test_every_refusal_is_one_message_that_says_what_to_do(
     refuse, monkeypatch, tmp_path, cases, golden
 ):
     # Nothing is searched for before everything was looked at.
-    monkeypatch.setattr("barnax.identification.search_seeds", None)
+    monkeypatch.setattr("barnax.identification.answer.search_seeds", None)
     # The bundled cell is the same in every case.
     looks = {inputs: ("read_record", "read_ocv_test"), looking: ("read_ocv_test", "check_file")}
     for module, name in ((module, name) for module, names in looks.items() for name in names):

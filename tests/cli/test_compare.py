@@ -9,7 +9,7 @@ import pytest
 from barnax import ComparisonResult, InputError, compare_files
 from barnax.bundled import BUNDLED
 from barnax.cli import compare as command
-from barnax.over_soc.cross_validation import SocErrors
+from barnax.fit.cross_validation import SocErrors
 from barnax.reporting.view import View
 from barnax.reporting.wording import wording
 from barnax.result_parts import Candidate

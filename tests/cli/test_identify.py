@@ -135,7 +135,8 @@ def test_what_cannot_be_drawn_costs_only_itself(run, finished, tmp_path, monkeyp
 
     # The search is done already.
     monkeypatch.setattr(
-        "barnax.pipeline.identify", lambda *_, **__: Result.from_json(finished[1] / "result.json")
+        "barnax.identification.pipeline.identify",
+        lambda *_, **__: Result.from_json(finished[1] / "result.json"),
     )
     monkeypatch.setattr(command, "result_files", broken)
     outcome = run("identify", *BUDGET, "--quiet")

@@ -27,8 +27,8 @@ gc.callbacks.append(lambda *_: "jax" in sys.modules and stop())
 threading.Timer(1.0, gc.collect).start()
 """,
     "records are read": """
-import barnax.pipeline
-barnax.pipeline.read_inputs = lambda *_, **__: stop()
+import barnax.identification.pipeline
+barnax.identification.pipeline.read_inputs = lambda *_, **__: stop()
 """,
     "a file is opened": """
 def hook(event, given):

@@ -15,10 +15,10 @@ from barnax.bundled import BUNDLED
 from barnax.cell.parameters import ANYWHERE
 from barnax.cli.output import require_free, write_file, write_folder
 from barnax.errors import InputError
-from barnax.factors import factors_to_bytes
 from barnax.files import aside, restore, unfinished
+from barnax.fit.factor_file import factors_to_bytes
+from barnax.fit.record_factors import Grid, factors_of, fit_factors
 from barnax.model.prepared import Window, prepare_record
-from barnax.over_soc.record_factors import Grid, factors_of, fit_factors
 
 from .conftest import BUDGET, contents
 
@@ -105,7 +105,7 @@ def test_tables_of_factors_whose_folder_was_taken_meanwhile_say_where_they_are(
         appear(tmp_path, {"out/mine.txt": b"mine"})
         return fit_factors(*given)
 
-    monkeypatch.setattr("barnax.over_soc.record_factors.fit_factors", slow)
+    monkeypatch.setattr("barnax.fit.record_factors.fit_factors", slow)
     ended = run("identify", "a.factors.npz", "--out", "out")
     assert ended.status == 0, ended.err
     where = f"the results are in {tmp_path / 'out-2'}"

@@ -5,13 +5,8 @@ import pytest
 from scipy import stats
 from scipy.signal import lfilter
 
-from barnax.comparison.result import (
-    SOC_EDGES,
-    block_length,
-    compare_over_seeds,
-    compare_over_time,
-    resampled_means,
-)
+from barnax.comparison.bootstrap import block_length, resampled_means
+from barnax.comparison.result import SOC_EDGES, compare_over_seeds, compare_over_time
 from barnax.uncertainty.assessment import soc_bands
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from barnax.cell import InterpolatedCurve
 from barnax.export import EXPORTERS
-from barnax.over_soc.fits import OverTemperature
+from barnax.fit.temperature_fits import OverTemperature
 from helpers.results import CIRCUITS, NODES, TABLE_OHM, make_table_result
 
 every_exporter = pytest.mark.parametrize("exporter", EXPORTERS.values(), ids=lambda each: each.name)

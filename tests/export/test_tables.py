@@ -15,7 +15,7 @@ from barnax.errors import InputError
 from barnax.export import EXPORTERS, HeldLoad
 from barnax.export.tables import TOLERANCE_V, linear_table, segment_table, tables_of
 from barnax.export.verification import pulse_profile, simulate_here
-from barnax.over_soc.node_interval import NodeInterval
+from barnax.fit.node_interval import NodeInterval
 from barnax.search.answers import AtBound
 from helpers.results import (
     CAPACITY_AH,

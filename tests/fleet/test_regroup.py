@@ -5,7 +5,8 @@ import pytest
 import barnax
 from barnax import FleetCell, InputError, identify_fleet
 from barnax.cell.parameters import ANYWHERE
-from barnax.factors import factors_to_bytes
+from barnax.fit.factor_file import factors_to_bytes
+from barnax.fit.record_factors import Grid, factors_of
 from barnax.fleet.dataset import (
     dataset_path,
     factors_path,
@@ -16,7 +17,6 @@ from barnax.fleet.dataset import (
 )
 from barnax.fleet.rows import identify_rows
 from barnax.model.prepared import Window, prepare_record
-from barnax.over_soc.record_factors import Grid, factors_of
 from helpers.made_cell import made
 
 

@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 from hypothesis import strategies as st
 
+from barnax.bounds_file import read_bounds
 from barnax.errors import InputError
-from barnax.model.search_space import Bounds, read_bounds
+from barnax.model.search_space import Bounds
 from helpers.hostile import EXAMPLES, NUMBER_TEXTS, STRINGS, damaged, repeated
 
 DEFAULT = Bounds.default(capacity_ah=2.0, interval_s=1.0, duration_s=1000.0, has_rate=True)

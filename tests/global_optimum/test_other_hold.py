@@ -8,7 +8,8 @@ import barnax
 from barnax import Window, evaluate, make_problem, read_record, record_from_frame
 from barnax.bundled import BUNDLED
 from barnax.cell import CircuitParameters, characterize
-from barnax.global_optimum.search import find_global_optimum, with_better_hold
+from barnax.global_optimum.assumptions import with_better_hold
+from barnax.global_optimum.search import find_global_optimum
 from barnax.model.prepared import prepare_record
 from helpers.records import CURRENT, TIME, VOLTAGE
 

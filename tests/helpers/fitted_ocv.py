@@ -3,9 +3,9 @@
 from collections.abc import Mapping, Sequence
 
 from barnax import Record, TableSettings, Window
-from barnax.over_soc.fitted_ocv import FittedOcv, prove_with_ocv
-from barnax.over_soc.problem import find_best, reduced_objective
-from barnax.over_soc.starts import RecordsWithoutOcvTest
+from barnax.fit.fitted_ocv import FittedOcv, prove_with_ocv
+from barnax.fit.starts import RecordsWithoutOcvTest
+from barnax.fit.table_problem import find_best, reduced_objective
 
 
 def fit_with_ocv(

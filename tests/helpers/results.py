@@ -14,12 +14,12 @@ from barnax.cell import (
     SegmentedHysteresis,
     get_circuit,
 )
+from barnax.fit.cross_validation import SocErrors
+from barnax.fit.node_interval import NodeInterval
+from barnax.fit.temperature_fits import TableFits
 from barnax.metrics import Metrics
 from barnax.model.prepared import PreparedRecord
 from barnax.model.start import Start
-from barnax.over_soc.cross_validation import SocErrors
-from barnax.over_soc.fits import TableFits
-from barnax.over_soc.node_interval import NodeInterval
 from barnax.result_parts import ConstantPart, InputPart, MetricsBlock
 from barnax.uncertainty import Assessment, Band, Diagnostics, Identifiability, Uncertainty
 from barnax.uncertainty.covariance import NoiseParts

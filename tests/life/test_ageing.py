@@ -9,12 +9,12 @@ import pytest
 
 import barnax
 from barnax import InputError, TableSettings
+from barnax.fit import ageing
+from barnax.fit.ageing import CAPACITY, R0, SHIFT, R, measure_ageing, shows_both_ends
 from barnax.life import QUANTITIES, life_of
 from barnax.life.rows import ageing_row
 from barnax.life.trends import judge
 from barnax.model.prepared import prepare_record
-from barnax.over_soc import ageing
-from barnax.over_soc.ageing import CAPACITY, R0, SHIFT, R, measure_ageing, shows_both_ends
 from barnax.plots import plot_fleet_life
 from barnax.reporting.life import life_frame, life_json, life_lines
 from helpers.reference import drop_v, filtered_response

@@ -4,9 +4,9 @@ import numpy as np
 import polars as pl
 import pytest
 
+from barnax.fit.ageing import CAPACITY, SHAPE_ODDS, SHAPES_V, SHIFT
+from barnax.fit.registration import REACH
 from barnax.life.rows import ANOTHER, EVIDENCE, ROUNDS, pooled_shares, with_pooled_shapes
-from barnax.over_soc.ageing import CAPACITY, SHAPE_ODDS, SHAPES_V, SHIFT
-from barnax.over_soc.registration import REACH
 
 AGES, SEEN, SEEN_SD_V, BY_SHAPE = 10, 8, 2.5e-3, 0.6
 ENDS = "", " low", " high"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from barnax import CircuitParameters, InputError, Window
-from barnax.model.compressed import Coordinates
+from barnax.model.coordinates import Coordinates
 from barnax.model.problem import make_problem, residuals, rmse, rmse_by_scan
 from helpers.reference import drop_v, looped_response
 from helpers.scan import rc_parameters

@@ -7,9 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from barnax.bounds_file import read_bounds
 from barnax.errors import InputError
-from barnax.model.compressed import Coordinates
-from barnax.model.search_space import SCALES, Bounds, read_bounds
+from barnax.model.coordinates import Coordinates
+from barnax.model.search_space import SCALES, Bounds
 from barnax.model.simulate import RCParameters
 
 DEFAULT = Bounds.default(capacity_ah=2.0, interval_s=1.0, duration_s=1000.0)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from barnax.model.intervals import Intervals
+from barnax.model.sampling_intervals import Intervals
 from barnax.model.simulate import (
     LANES,
     HysteresisInput,

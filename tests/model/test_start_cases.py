@@ -14,10 +14,10 @@ from barnax import Job, assess, find_global_optimum, make_problem, read_record
 from barnax.bundled import BUNDLED
 from barnax.cell import characterize, read_ocv_test
 from barnax.cell.ocv_points import find_rest_sweeps
+from barnax.identification.setup import with_joint_starts
 from barnax.model.prepared import prepare_record
 from barnax.model.window import Window, mean_at_rest
 from barnax.plan.running import prepare_pulse_tests
-from barnax.run_setup import with_joint_starts
 from helpers.problems import drive_a, simulated_record
 from helpers.reference import make_record
 from helpers.shared import CASES, needs_cases

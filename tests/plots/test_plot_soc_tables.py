@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from barnax.cell.parameters import OCV
-from barnax.over_soc.fits import OverTemperature, TableFits
-from barnax.over_soc.intervals import NodeInterval
+from barnax.fit.intervals import NodeInterval
+from barnax.fit.temperature_fits import OverTemperature, TableFits
 from barnax.plots import plot_over_temperature, plot_tables
 from helpers.results import NODES, TABLE_OHM, line, make_fit
 

@@ -8,7 +8,7 @@ import pytest
 import barnax
 from barnax import Result, TableFit
 from barnax.export import get_exporter
-from barnax.over_soc.node_interval import NodeInterval, sum_name
+from barnax.fit.node_interval import NodeInterval, sum_name
 from barnax.reporting.document import ReportTable
 from barnax.reporting.parameters import tables_csv
 from barnax.reporting.view import View

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import barnax
-from barnax.over_soc.node_interval import NodeInterval
+from barnax.fit.node_interval import NodeInterval
 from barnax.reporting.wording import table
 from barnax.uncertainty import Estimate, Uncertainty
 from helpers.results import make_result, make_table_result, with_constant, with_fit

@@ -6,7 +6,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 from barnax import CircuitParameters, Notice
-from barnax.over_soc.cross_validation import SocErrors
+from barnax.fit.cross_validation import SocErrors
 from barnax.reporting.first_screen import next_step
 from barnax.reporting.wording import sentences, wording
 from barnax.search.answers import Optimum

@@ -9,9 +9,9 @@ import pytest
 
 from barnax import TableSettings, Window
 from barnax.cell.parameters import ANYWHERE
+from barnax.fit.cross_validation import HeldOut
+from barnax.fit.table_problem import coarsened, find_best, reduced_objective
 from barnax.model.prepared import prepare_record
-from barnax.over_soc.cross_validation import HeldOut
-from barnax.over_soc.problem import coarsened, find_best, reduced_objective
 from barnax.select.choose import Bench, Fitted, choose
 from barnax.select.family import NODE_LADDER, RICHER, Point, Subfamily, limits_of
 from helpers.made_cell import cell_with_ocv, ocv_v

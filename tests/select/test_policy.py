@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from barnax.over_soc.cross_validation import HeldOut
+from barnax.fit.cross_validation import HeldOut
 from barnax.select.policy import Gain, Policy
 
 POLICY = Policy()

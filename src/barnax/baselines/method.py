@@ -10,7 +10,7 @@ from scipy.stats import qmc
 from ..cell import CircuitParameters
 from ..cell.elements import alike
 from ..metrics import Count
-from ..model.compressed import Coordinates
+from ..model.coordinates import Coordinates
 from ..model.problem import Problem
 from ..schema import Loss
 

@@ -66,10 +66,10 @@ def identify(
 def _fit_factors(options: Identification, paths: list[Path]) -> None:
     """Tables of records of which only factors were kept, on the screen; files of `out` if given."""
     run = options.output.begun(None)
-    from ..factors import read_factors
-    from ..over_soc.fits import TableFits
-    from ..over_soc.record_factors import fit_factors
-    from ..run_setup import bounded_tables
+    from ..fit.factor_file import read_factors
+    from ..fit.record_factors import fit_factors
+    from ..fit.temperature_fits import TableFits
+    from ..identification.setup import bounded_tables
 
     job = barnax.Job(**options_of_job(options.job), watch=run.watch)
     usable = {field.name for field in fields(TableOptions)} | {"bounds", "fix", "watch"}

@@ -327,7 +327,7 @@ def options_of_job(given: Given) -> dict[str, Any]:
     if windows := windows_of(given):
         options["window"] = windows
     if "fix" in options:
-        from ..model.search_space import parse_fixed
+        from ..bounds_file import parse_fixed
 
         options["fix"] = parse_fixed(options["fix"])
     return options

@@ -122,7 +122,7 @@ class Session:
         """A stage in which JAX is loaded, and what identifies with it."""
         with self.watch("Loading JAX"):
             prepare_jax()
-            import_module("barnax.pipeline")
+            import_module("barnax.identification.pipeline")
 
     @contextmanager
     def timed(self, title: str, advance: Any = None) -> Iterator[Any]:

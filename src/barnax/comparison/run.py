@@ -12,20 +12,16 @@ from ..baselines.regression import outside_box
 from ..cell import CellModel, get_circuit
 from ..errors import InputError, require_choice
 from ..execution import Watch, in_float64, unwatched
-from ..global_optimum.search import (
-    GlobalOptimum,
-    optimality_gap,
-    with_better_directions,
-    without_sweep_drop,
-)
-from ..identification import optimum_or_none, search_and_assess
+from ..global_optimum.assumptions import with_better_directions, without_sweep_drop
+from ..global_optimum.search import GlobalOptimum, optimality_gap
+from ..identification.answer import optimum_or_none, search_and_assess
+from ..identification.setup import first_circuit, problem_of, set_up, settled
 from ..inputs import listed, read_inputs, windows_of
 from ..job import Job, takes_options, window_of
 from ..model.prepared import PreparedRecord, prepare_record
 from ..model.problem import Problem, applicable_to, make_problem
 from ..records import Record
 from ..result_parts import InputPart, versions
-from ..run_setup import first_circuit, problem_of, set_up, settled
 from ..search.evaluate import evaluate, evaluate_from_either
 from ..search.seeds import FINAL_ROUNDS, FINAL_TOLERANCE, Descent, at_bound
 from ..settings import TableOptions

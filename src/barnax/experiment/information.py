@@ -2,7 +2,7 @@
 error of that fit on a drive cycle.
 
 Least squares with a covariance S of the error have the covariance H^-1 J' S J H^-1 of the tables,
-with J the columns of `over_soc` and H = J'J + N P, P their smoothing. S is the error typically left
+with J the columns of `fit` and H = J'J + N P, P their smoothing. S is the error typically left
 by an identification on measured cells: parts with exponentially decaying correlation. Against white
 noise alone, a rest of an hour would look as valuable as a pulse.
 
@@ -27,14 +27,14 @@ from ..cell.elements import is_resistance
 from ..cell.parameters import OCV_CORRECTION, OHMIC
 from ..cell.tables import hats
 from ..execution import in_float64
+from ..fit.intervals import LIGHT, jacobian_blocks
+from ..fit.objective import Solution, TableObjective
+from ..fit.settings import TableSettings
+from ..fit.table_curves import chord_offset
+from ..fit.table_problem import reduced_objective
 from ..metrics import NORMAL_95
 from ..model.prepared import PreparedRecord, prepare_record
 from ..model.window import Window
-from ..over_soc.intervals import LIGHT, jacobian_blocks
-from ..over_soc.node_interval import chord_offset
-from ..over_soc.objective import Solution, TableObjective
-from ..over_soc.problem import reduced_objective
-from ..over_soc.settings import TableSettings
 from ..records import Record
 from ..records.lag import lagged
 from ..search.answers import AtBound
@@ -383,7 +383,7 @@ def before_of(prior: Prior) -> dict[Name, float]:
 
 
 def _halves(prior: Prior, fit: Information) -> dict[Name, float]:
-    """Half the intervals of the values that samples are near, as in `over_soc.intervals`: due to
+    """Half the intervals of the values that samples are near, as in `fit.intervals`: due to
     noise, and half the effect of smoothing and of straight lines between nodes."""
     light, smooth = fit.inverse(prior), fit.inverse(prior, 1.0)
     errors = np.sqrt(np.maximum(np.diag(fit.covariance(prior, light)), 0.0))

@@ -19,12 +19,12 @@ from ..cell.parameters import HALF_HYSTERESIS, OCV_CORRECTION
 from ..cell.soc_axis import CAPACITY_WARNING, GIVEN
 from ..cell.tables import LEAST_OHM
 from ..errors import InputError, attempt, require_choice, require_positive
-from ..model.sampling import least_r0_share
-from ..over_soc.fit import TableFit
-from ..over_soc.intervals import MAX_SLOTS, UNSEEN
-from ..over_soc.level import with_fitted_ocv
-from ..over_soc.registration import averaged_to_seconds
-from ..over_soc.settings import TableSettings
+from ..fit.flat_ocv import with_fitted_ocv
+from ..fit.intervals import MAX_SLOTS, UNSEEN
+from ..fit.registration import averaged_to_seconds
+from ..fit.settings import TableSettings
+from ..fit.table_fit import TableFit
+from ..model.other_sampling import least_r0_share
 from ..records import read_record
 from ..results import Result
 from ..search.evaluate import Evaluation, one_clock

@@ -12,8 +12,8 @@ from pydantic import Field
 
 from ..cell.dependence import BETA, CHARGE, KAPPA, ONSET, Dependence
 from ..display import hook
+from ..fit.node_interval import NodeInterval
 from ..metrics import NORMAL_95
-from ..over_soc.node_interval import NodeInterval
 from ..records import Hold, Record
 from ..schema import ARRAY, Document, Part
 from .information import DRIVE, Name, ResidualModel, Width

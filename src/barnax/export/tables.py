@@ -16,7 +16,7 @@ from ..cell.curves import KNOTS, SegmentedHysteresis
 from ..cell.elements import get_element, names_of
 from ..cell.parameters import HALF_HYSTERESIS, OCV, OCV_CORRECTION, OHMIC
 from ..errors import InputError, escaped
-from ..over_soc.settings import circuit_name
+from ..fit.settings import circuit_name
 from ..results import Result
 from .exporter import caveats_of
 

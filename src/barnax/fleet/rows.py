@@ -15,26 +15,26 @@ from ..cell.parameters import ANYWHERE
 from ..checks import check_file
 from ..checks.against_cell import compare_temperatures
 from ..errors import InputError, attempt, reason_of
-from ..factors import factors_to_bytes, read_factors
 from ..files import fetched, is_address, is_factor_file
+from ..fit.factor_file import factors_to_bytes, read_factors
+from ..fit.record_factors import Grid, factors_of, factors_of_cells, fit_factors
+from ..fit.settings import table_name
+from ..fit.table_fit import TableFit
+from ..identification.pipeline import identify, identify_problem
+from ..identification.setup import bounded_tables
 from ..inputs import RecordTemperatures, file_names, input_warnings, read_inputs, source_of
 from ..job import Job
 from ..life.rows import ageing_row
 from ..metrics import Metrics
 from ..model.window import Window
 from ..notices import Notice
-from ..over_soc.fit import TableFit
-from ..over_soc.record_factors import Grid, factors_of, factors_of_cells, fit_factors
-from ..over_soc.settings import table_name
 from ..pack import Pack, identify_pack
-from ..pipeline import identify, identify_problem
 from ..plan import plan_of, planned
 from ..records import Record, Source, read_source
 from ..records.logger import Loggers
 from ..records.table import LARGEST_FILE
 from ..result_parts import bands_by_soc
 from ..results import Result
-from ..run_setup import bounded_tables
 from ..search.evaluate import pooled
 from ..settings import CellSettings, Reading, Settings
 from .dataset import factors_path, keep_file, result_path

@@ -2,7 +2,7 @@
 between the points that a proof evaluates.
 
 A kernel bounds the error of every circuit in a box from below: `certificate.py` here for constants,
-thousands of boxes at once, and that of `over_soc` for tables, box by box. Boxes whose bound is too
+thousands of boxes at once, and that of `fit` for tables, box by box. Boxes whose bound is too
 low are split, the lowest first. Along one scale every column is the parabola through the ends and
 the middle of a box, up to a remainder that its third derivative bounds.
 """

@@ -9,8 +9,8 @@ import polars as pl
 from jaxtyping import Float
 
 from ..errors import InputError, listed
-from ..over_soc.ageing import CAPACITY, R0, SHIFT, R
-from ..over_soc.registration import REACH
+from ..fit.ageing import CAPACITY, R0, SHIFT, R
+from ..fit.registration import REACH
 from .rows import ages_of, ampere_hours, with_pooled_shapes
 from .trends import Judged, Series, judge
 

@@ -4,7 +4,7 @@ and its quantities given all rows.
 Ages are dates of all kinds, or numbers in a unit of time or use.
 
 A row gives each quantity, and the probability of its records, for every size s of the change of the
-OCV's shape (`over_soc.ageing`). One record hardly determines a small s, and the part it leaves open
+OCV's shape (`fit.ageing`). One record hardly determines a small s, and the part it leaves open
 may be another capacity; the cells of a fleet determine it together. A cell's change is one walk
 that grows as it ages, so its rows repeat each other, and its early ones contain no information
 about its late ones. Other cells at about that age are other draws: a row r has the probabilities
@@ -30,9 +30,7 @@ from jaxtyping import Float, Int
 from scipy.special import softmax
 
 from ..errors import InputError, cut
-from ..model.prepared import PreparedRecord
-from ..notices import Notice
-from ..over_soc.ageing import (
+from ..fit.ageing import (
     AGED,
     CAPACITY,
     OCV_NODES,
@@ -43,8 +41,10 @@ from ..over_soc.ageing import (
     measure_ageing,
     shows_both_ends,
 )
-from ..over_soc.registration import REACH
-from ..over_soc.settings import TableSettings
+from ..fit.registration import REACH
+from ..fit.settings import TableSettings
+from ..model.prepared import PreparedRecord
+from ..notices import Notice
 
 Ages = Float[np.ndarray, "rows"]
 # Units in a column's name, as a word or a separate abbreviation: the unit in which ages are

@@ -269,7 +269,7 @@ class PreparedRecord(Brief):
         first of them; if there are fewer, the last is repeated without weight, which changes no bit
         of an error. `in_one_form` gives the form shared by blocks.
         """
-        from .intervals import Intervals, sized
+        from .sampling_intervals import Intervals, sized
         from .simulate import HysteresisInput, SimulationInput
 
         def fit(values: np.ndarray) -> Any:

@@ -17,7 +17,8 @@ from ..errors import InputError, require_choice
 from ..execution import CIRCUITS_PER_BLOCK, as_input, compile_for, in_float64, seed_blocks
 from ..notices import Notice
 from ..records import Record
-from .compressed import Compressed, Coordinates, compress
+from .compressed import Compressed, compress
+from .coordinates import Coordinates
 from .exponentials import can_span
 from .layout import TOLERANCE, ends_of
 from .prepared import PreparedRecord, prepare_record
@@ -143,7 +144,7 @@ class Problem(Brief):
         return self._inputs(in_common_size=False)
 
     def _inputs(self, *, in_common_size: bool) -> tuple[SimulationInput, ...]:
-        from .intervals import common_size
+        from .sampling_intervals import common_size
 
         (shortest_s, _), gammas = self.coordinates.spans
         exact_for = shortest_s, None if gammas is None else gammas[1]

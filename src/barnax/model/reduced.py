@@ -20,19 +20,12 @@ from ..cell.parameters import ANYWHERE
 from ..cell.tables import hats
 from ..execution import as_input, compile_for, in_float64, threads
 from .exponentials import Span
-from .layout import (
-    NEGLIGIBLE_V,
-    Layout,
-    append_rows,
-    by_first_visit,
-    join_triangles,
-    shorten,
-    update_triangular,
-)
+from .layout import Layout, by_first_visit
 from .prepared import BLOCK, PreparedRecord
+from .triangles import NEGLIGIBLE_V, append_rows, join_triangles, shorten, update_triangular
 
 if TYPE_CHECKING:
-    from .intervals import Intervals
+    from .sampling_intervals import Intervals
     from .simulate import SimulationInput
 
 # Chains of factors that are combined at the end; a fixed number, so that no bit depends on the

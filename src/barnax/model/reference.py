@@ -46,7 +46,7 @@ def error_blocks_of(
 ) -> Iterator[tuple[slice, Float[np.ndarray, "circuits samples"]]]:
     """The errors of several circuits that differ only in their tables, each on the record with its
     own OCV, at once."""
-    from .intervals import sized
+    from .sampling_intervals import sized
 
     circuits = [one.laddered() for one in parameters]
     pairs = zip(alike, circuits, strict=True)

@@ -18,7 +18,7 @@ from jaxtyping import Array, Float, Int, PyTree, Scalar
 
 from ..cell.elements import rungs_of
 from ..execution import in_one_function
-from .intervals import Intervals
+from .sampling_intervals import Intervals
 
 
 class RCParameters(eqx.Module):

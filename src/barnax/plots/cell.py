@@ -17,7 +17,7 @@ from ..pulses import STANDARD_S, Pulse, levels, pulse_samples, rate_label
 from . import style
 
 if TYPE_CHECKING:
-    from ..over_soc.node_interval import Fact
+    from ..fit.node_interval import Fact
     from ..results import Result
     from ..search.evaluate import Evaluation
 

@@ -14,9 +14,9 @@ from matplotlib.ticker import MaxNLocator
 from . import style
 
 if TYPE_CHECKING:
+    from ..fit.pack import PackFit
     from ..life import Life
     from ..life.ageing import Trend
-    from ..over_soc.pack import PackFit
 
 HISTOGRAMS_ACROSS: Final = 3
 HISTOGRAM_IN: Final = 0.62 * style.HEIGHT_IN

@@ -20,9 +20,9 @@ from .voltage import Clock, Rows, Samples, draw_rows, shade_unscored
 
 if TYPE_CHECKING:
     from ..cell import CircuitParameters
-    from ..over_soc.fit import TableFit
-    from ..over_soc.fits import TableFits
-    from ..over_soc.node_interval import Fact
+    from ..fit.node_interval import Fact
+    from ..fit.table_fit import TableFit
+    from ..fit.temperature_fits import TableFits
     from ..search.evaluate import Evaluation
 
 PANELS_ACROSS: Final = 2

@@ -19,7 +19,7 @@ from .words import figures, joined, millivolt, symbol, with_unit
 if TYPE_CHECKING:
     from ..experiment import Design
     from ..experiment.information import Prior, Width
-    from ..over_soc.fit import TableFit
+    from ..fit.table_fit import TableFit
     from ..results import Result
 
 # On measured cells, records that are identified together leave wider intervals than was promised:

@@ -12,7 +12,7 @@ import numpy as np
 from ..cell.parameters import OCV, OCV_CORRECTION
 from ..errors import InputError
 from ..files import csv_text
-from ..over_soc.node_interval import Fact, parts_of
+from ..fit.node_interval import Fact, parts_of
 from ..results import Result
 from .document import Page
 from .render import to_fragment
@@ -27,8 +27,8 @@ from .words import (
 if TYPE_CHECKING:
     import polars
 
-    from ..over_soc.fit import TableFit
-    from ..over_soc.fits import TableFits
+    from ..fit.table_fit import TableFit
+    from ..fit.temperature_fits import TableFits
 
 # A parameter's name, the SOC that it is at, or of a mean over, and of a pair that not every result
 # has the circuit that it is of.

@@ -12,20 +12,20 @@ from ..cell.elements import names_beside
 from ..cell.model import NEAR_DEGC
 from ..cell.parameters import HALF_HYSTERESIS
 from ..cell.soc_axis import ABOVE_SOC
-from ..over_soc.fits import MIDDLE_SOC
-from ..over_soc.node_interval import parts_of
-from ..over_soc.settings import circuit_name
+from ..fit.node_interval import parts_of
+from ..fit.settings import circuit_name
+from ..fit.temperature_fits import MIDDLE_SOC
 from .wording import sentences
 from .words import SAME, degrees, gathered, interval_beside, numbered, soc_extent
 
 if TYPE_CHECKING:
+    from ..fit.cross_validation import SocErrors
+    from ..fit.current_offset import OffsetEffect
+    from ..fit.node_interval import Fact
+    from ..fit.temperature_fits import OverTemperature
     from ..metrics import Metrics
     from ..model.window import Window
     from ..notices import Notice
-    from ..over_soc.cross_validation import SocErrors
-    from ..over_soc.fits import OverTemperature
-    from ..over_soc.node_interval import Fact
-    from ..over_soc.nuisances import OffsetEffect
     from ..records import Decision
     from ..result_parts import Candidate, InputPart, MetricsBlock
     from ..results import Result
@@ -276,7 +276,7 @@ class View:
     def validated(self, candidate: "Candidate") -> "tuple[SocErrors | Metrics, ...]":
         """The errors of a candidate on each record validated on; a comparison has those over whole
         records alone."""
-        from ..over_soc.cross_validation import SocErrors
+        from ..fit.cross_validation import SocErrors
         from ..results import Result
 
         if not isinstance(self.result, Result):

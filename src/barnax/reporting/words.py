@@ -10,9 +10,9 @@ from ..errors import counted as counted
 
 if TYPE_CHECKING:
     from ..cell import CircuitParameters
+    from ..fit.cross_validation import SocErrors
+    from ..fit.node_interval import NodeInterval
     from ..metrics import Metrics
-    from ..over_soc.cross_validation import SocErrors
-    from ..over_soc.node_interval import NodeInterval
     from ..uncertainty import Band, Estimate
     from ..uncertainty.profiles import ParameterProfile
 
@@ -190,7 +190,7 @@ def optimality_gap(rmse_v: float, optimum_v: float) -> float:
 def errors_words(errors: "SocErrors | Metrics | None") -> str:
     """An RMSE in mV, in brackets that above 10 % SOC where it differs; a dash without errors.
 
-    >>> from barnax.over_soc.cross_validation import SocErrors
+    >>> from barnax.fit.cross_validation import SocErrors
     >>> errors_words(SocErrors(0.0232, 0.0102)), errors_words(SocErrors(0.0232, None))
     ('23.2 (10.2)', '23.2')
     """

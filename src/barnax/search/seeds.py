@@ -24,7 +24,7 @@ from ..execution import (
     seed_blocks,
     wanted_rows,
 )
-from ..model.compressed import Coordinates
+from ..model.coordinates import Coordinates
 from ..model.problem import Objective, Problem, point_blocks, residuals, rmse, rmse_by_scan
 from ..model.search_space import Kind
 from ..optimizers import OPTIMIZERS, AbstractPopulationMinimiser, minimise

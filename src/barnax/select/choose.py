@@ -13,22 +13,16 @@ from ..cell import Dependence
 from ..cell.elements import is_resistance
 from ..cell.parameters import OHMIC
 from ..execution import in_float64
+from ..fit.cross_validation import HeldOut, SocErrors, held_out
+from ..fit.dependence import laws_for, propose
+from ..fit.folds import numbered_blocks
+from ..fit.intervals import intervals_of
+from ..fit.node_interval import parts_of
+from ..fit.objective import Solution, TableObjective
+from ..fit.registration import register
+from ..fit.settings import TableSettings
+from ..fit.table_problem import coarsened, find_best, held_at, reduced_objective, search_ranges
 from ..model.prepared import PreparedRecord
-from ..over_soc.cross_validation import HeldOut, SocErrors, held_out
-from ..over_soc.dependence import laws_for, propose
-from ..over_soc.intervals import intervals_of
-from ..over_soc.node_interval import parts_of
-from ..over_soc.objective import Solution, TableObjective
-from ..over_soc.problem import (
-    coarsened,
-    find_best,
-    held_at,
-    numbered_blocks,
-    reduced_objective,
-    search_ranges,
-)
-from ..over_soc.registration import register
-from ..over_soc.settings import TableSettings
 from .family import HYSTERESES, RUNGS, Ladder, Point, Subfamily
 from .policy import Gain, Policy
 

@@ -11,8 +11,8 @@ from typing import Literal
 
 from ..cell import CellModel, Dependence, get_circuit
 from ..cell.parameters import ANYWHERE, RATE
-from ..over_soc.level import DISTINCT_RATES, with_fitted_ocv
-from ..over_soc.settings import TableSettings
+from ..fit.flat_ocv import DISTINCT_RATES, with_fitted_ocv
+from ..fit.settings import TableSettings
 from ..settings import NODES
 
 Ladder = Literal["nodes", "pairs", "hysteresis", "switched", "law", "starts", "without"]

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..over_soc.cross_validation import HeldOut
+from ..fit.cross_validation import HeldOut
 
 
 @dataclass(frozen=True)

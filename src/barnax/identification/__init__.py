@@ -1,0 +1,1 @@
+"""One run of `identify`: what is searched, the answer, and the flow from files to a result."""

@@ -72,11 +72,10 @@ def design(
         prior = prior_of(stored, capacity, chemistry, temperature)
     given = {"max_discharge": max_discharge, "max_charge": max_charge}
     rates = {name: _rate(name, text) for name, text in given.items() if text is not None}
-    voltages = {"low_voltage": low_voltage, "high_voltage": high_voltage}
-    limits: dict[str, Any] = {"max_hours": max_hours, "max_warming": max_warming}
-    limits |= rates | voltages
+    limits: dict[str, Any] = {"low_voltage": low_voltage, "high_voltage": high_voltage, **rates}
+    limits |= {"max_hours": max_hours, "max_warming": max_warming, "temperature": temperature}
     with run.watch("Designing"):
-        test_design = barnax.design(prior, want=_wanted(want), **limits, temperature=temperature)
+        test_design = barnax.design(prior, want=_wanted(want), **limits)
     run.show_document(reporting.design.planned_screen(prior, list(rates)))
     run.show_document(reporting.design.design_screen(test_design))
     if not test_design.is_needed:

@@ -198,15 +198,13 @@ def export(
     tell_unfinished(session, path.parent)
     stored = barnax.Result.load(result)
     content, caveats = exporter.write(stored)
-    verification = None
+    lines = [f"{exporter.description}: [bold]{shown(path)}[/bold]"]
     if verify:
         with session.watch(f"Simulating in {exporter.package}"):
-            verification = barnax.export.verify(stored, exporter, content)
+            lines.append(barnax.export.verify(stored, exporter, content).text)
     add_file(path, content)
     session.warn(caveats)
-    session.show([f"{exporter.description}: [bold]{shown(path)}[/bold]"])
-    if verification is not None:
-        session.show([verification.text])
+    session.show(lines)
 
 
 def bdf_table(record: "Record") -> "pl.DataFrame":

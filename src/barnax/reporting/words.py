@@ -154,15 +154,6 @@ def fixed(value: float | None, decimals: int) -> str:
     return NOTHING if value is None else f"{value:.{decimals}f}"
 
 
-def significant(value: float | None, digits: int = 5) -> str:
-    """A number with so many digits, or a dash where there is none.
-
-    >>> significant(None), significant(196790.4), significant(0.10000123)
-    ('–', '1.9679e+05', '0.1')
-    """
-    return NOTHING if value is None else f"{value:.{digits}g}"
-
-
 def better_than(proved_gap: float) -> str:
     """The gain that no circuit exceeds, by the proof."""
     return f"more than {rounded_up(proved_gap)} better" if proved_gap > 0 else "better"

@@ -141,7 +141,7 @@ def test_what_is_held_is_held_in_every_circuit_that_has_it():
     few = {"window": Window(score_to_s=1500.0), "trust": "none", "seeds": 0}
     # Tables have no capacitance.
     farads = barnax.identify(fix={"C1 [F]": 1000.0}, **few)
-    assert farads.constant.parameters.c[0] == pytest.approx(1000.0)
+    assert farads.constant.parameters.scales["C1 [F]"] == pytest.approx(1000.0)
     assert not any(each.over for each in farads.candidates)
     with pytest.raises(barnax.InputError, match="'gamma' is not a parameter of this circuit"):
         barnax.identify(model="so-rc", fix={"gamma": 50.0}, **few)

@@ -78,8 +78,8 @@ class CircuitParameters(Brief):
             element, and where they are fitted the OCV correction, which is added to the average
             OCV, and the half hysteresis, the amplitude of a dynamic one in place of half the
             measured hysteresis voltage.
-        scales: The time constant of every element in s; then the rate of a dynamic hysteresis per
-            unit of SOC, if any.
+        scales: The time constant of every element in s, or of an RC pair of a constant circuit its
+            capacitance in F; then the rate of a dynamic hysteresis per unit of SOC, if any.
         nodes: States of charge, increasing.
         visited: True for nodes that are the nearest of some counted sample: the values of the
             others follow from their neighbors and mean nothing on their own.
@@ -133,21 +133,21 @@ class CircuitParameters(Brief):
         if not len(r) == len(c) == len(names):
             needed = f"a circuit has one R and one C for each of its {len(names)} elements"
             raise ValueError(f"{needed}; {len(r)} R and {len(c)} C were given")
-        _require_positive(dict(zip((pair.stored for pair in names), map(float, c), strict=True)))
-        tau_s = [float(ohm) * float(farad) for ohm, farad in zip(r, c, strict=True)]
-        return cls.of_tau(r0, r, tau_s, gamma, elements)
+        numbers = {OHMIC: float(r0)}
+        for pair, ohm, farad in zip(names, map(float, r), map(float, c), strict=True):
+            numbers |= {
+                pair.resistance: ohm,
+                pair.stored: farad if pair.capacitance else ohm * farad,
+            }
+        return cls._of_numbers(numbers if gamma is None else numbers | {RATE: float(gamma)})
 
     @classmethod
     def of_tau(
         cls, r0: float, r: Rows, tau_s: Rows, gamma: float | None = None, elements: Names = ()
     ) -> Self:
-        """The constant circuit whose elements have these resistances and time constants. Raises
-        `ValueError` for a value that is not positive and finite."""
-        made = cls.over_soc(
-            ANYWHERE, tau_s, (r0,), [(ohm,) for ohm in r], gamma=gamma, elements=elements
-        )
-        _require_positive(made.named_ohm | made.scales)
-        return made
+        """The constant circuit whose elements have these resistances and time constants."""
+        c = [float(tau / ohm) for ohm, tau in zip(r, tau_s, strict=True)]
+        return cls.constant(r0, r, c, gamma, elements)
 
     @classmethod
     def over_soc(
@@ -221,7 +221,10 @@ class CircuitParameters(Brief):
     @property
     def c(self) -> tuple[float, ...]:
         """The capacitances R C / R of the elements of a constant circuit, in F."""
-        return tuple(tau_s / ohm for tau_s, ohm in zip(self.tau_s, self.r, strict=True))
+        pairs = zip(self.names, self.tau_s, self.r, strict=True)
+        return tuple(
+            self.scales.get(pair.capacitance or "", tau_s / ohm) for pair, tau_s, ohm in pairs
+        )
 
     @property
     def named_ohm(self) -> dict[str, float]:
@@ -231,7 +234,12 @@ class CircuitParameters(Brief):
     @property
     def named_tau_s(self) -> dict[str, float]:
         """Every time constant by its name."""
-        return {pair.tau: self.scales[pair.tau] for pair in self.names}
+        return {
+            pair.tau: self.scales[pair.tau]
+            if pair.tau in self.scales
+            else self.tables[pair.resistance][0] * self.scales[pair.stored]
+            for pair in self.names
+        }
 
     @property
     def tau_s(self) -> tuple[float, ...]:
@@ -308,8 +316,10 @@ class CircuitParameters(Brief):
 
     def to_dict(self) -> dict[str, float]:
         """The values of a constant circuit under PyBaMM's parameter names."""
-        farads = dict(zip((pair.capacitance for pair in self.names), self.c, strict=True))
-        values = self.named_ohm | self.scales | farads
+        values = self.named_ohm | self.scales
+        values |= {
+            pair.stored: c for pair, c in zip(self.names, self.c, strict=True) if pair.capacitance
+        }
         return {name: values[name] for name in parameter_names(self.elements, RATE in values)}
 
     @classmethod
@@ -324,15 +334,19 @@ class CircuitParameters(Brief):
         if unknown:
             raise InputError(f"these are not circuit parameters: {', '.join(unknown)}")
         try:
-            numbers = {name: float(values[name]) for name in names}
-            _require_positive(numbers)
-            r, tau_s = [], []
-            for pair in names_of(elements):
-                r.append(numbers[pair.resistance])
-                tau_s.append(numbers[pair.stored] * (r[-1] if pair.capacitance else 1.0))
-            return cls.of_tau(numbers[OHMIC], r, tau_s, numbers.get(RATE), elements)
+            return cls._of_numbers({name: float(values[name]) for name in names})
         except (TypeError, ValueError) as error:
             raise InputError(f"circuit parameters cannot be used: {error}") from error
+
+    @classmethod
+    def _of_numbers(cls, numbers: Mapping[str, float]) -> Self:
+        tables: dict[str, tuple[float, ...]] = {}
+        tables |= {name: (ohm,) for name, ohm in numbers.items() if name.endswith("[Ohm]")}
+        made = cls(tables, {name: numbers[name] for name in numbers if name not in tables})
+        for name, value in {**numbers, **made.named_tau_s}.items():
+            if not (math.isfinite(value) and value > 0):
+                raise ValueError(f"{name} must be positive and finite; {value} was given")
+        return made
 
     @classmethod
     def __get_pydantic_json_schema__(cls, schema: Any, handler: Any) -> dict[str, Any]:
@@ -349,12 +363,6 @@ class CircuitParameters(Brief):
     @model_serializer(mode="wrap")
     def _write(self, by_fields: Any) -> Any:
         return self.to_dict() if self.is_constant else by_fields(self)
-
-
-def _require_positive(values: Mapping[str, float]) -> None:
-    for name, value in values.items():
-        if not (math.isfinite(value) and value > 0):
-            raise ValueError(f"{name} must be positive and finite; {value} was given")
 
 
 def require_nodes(nodes: Sequence[float]) -> None:

@@ -68,6 +68,8 @@ HEADERS = {
     "Testtime,StepID,Steptime,Channel Voltage,Channel Current": ("plain", 1, 1),
     "总时间(s),电流(A),电压(V)": ("Neware", 1, 1),
     "Zeit [min],Strom [mA],Spannung [V]": ("plain", 60, 1e-3),
+    "Time (s),Strom (mA),電圧 (V)": ("plain", 1, 1e-3),
+    "시간(s),전류(A),전압(V)": ("plain", 1, 1),
     "time /s,I /A,E /V": ("Ivium", 1, 1),
     "Time (s),WE(1).Current (A),WE(1).Potential (V)": ("plain", 1, 1),
     "Elapsed Time (s),Working Electrode (V),Current (A)": ("plain", 1, 1),

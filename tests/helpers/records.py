@@ -66,7 +66,7 @@ def arbin_rows(frame, start=0, stop=None):
 def workbook(sheets):
     """The bytes of a small OOXML workbook; `sheets` maps names to rows of cells."""
     content = io.BytesIO()
-    with Workbook(content) as book:
+    with Workbook(content, {"nan_inf_to_errors": True, "strings_to_formulas": False}) as book:
         for name, rows in sheets.items():
             page = book.add_worksheet(name)
             for line, row in enumerate(rows):

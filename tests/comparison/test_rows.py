@@ -2,6 +2,7 @@
 
 import itertools
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -32,6 +33,7 @@ def test_a_row_is_its_median_seeds_answer_on_every_record(
     errors_v = sorted(row.errors_v)
     assert len(errors_v) == BUDGET.seeds
     assert row.median.rmse_v == errors_v[1]
+    assert replace(row, answers=row.answers[:3]).median.rmse_v == np.median(row.errors_v[:3])
     assert row.evaluations[0].metrics.rmse_v == pytest.approx(errors_v[1], rel=1e-9)
     first = row.evaluations[0]
     here = first.prepared.scored & (first.prepared.soc >= 0.2)

@@ -2,6 +2,7 @@
 
 import io
 import itertools
+import re
 from xml.etree import ElementTree
 
 import matplotlib.image
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib import pyplot
 
 from barnax.plots import encode, plot_error, plot_ocv, plot_voltage, style
 from barnax.plots.style import decimate
@@ -96,3 +98,44 @@ def test_in_a_column_every_letter_stands_inside_the_figure():
         for each in (legend, box):
             assert each.x0 >= -1
             assert each.x1 <= figure.bbox.x1 + 1
+
+
+@pytest.fixture(scope="module")
+def settings():
+    return dict(matplotlib.rcParams)
+
+
+@pytest.fixture(scope="module")
+def figures(settings, bundled_cell):
+    evaluation = make_evaluation(make_record(600), np.arange(600) >= 100)
+    several = {"a": evaluation, "b": evaluation}
+    drawn = [plot(given) for plot in (plot_voltage, plot_error)
+             for given in (evaluation, several)]  # fmt: skip
+    return [*drawn, plot_ocv(bundled_cell)]
+
+
+def test_every_axis_label_ends_in_or_holds_a_unit(figures):
+    for axes in (axes for figure in figures for axes in figure.axes):
+        shown = [label for label in (axes.get_xlabel(), axes.get_ylabel()) if label]
+        assert shown or axes.get_shared_x_axes().get_siblings(axes)
+        assert all(re.search(r"\[(V|mV|A|s|h|%|-|mOhm|1/SOC)\]", label) for label in shown)
+
+
+def test_drawing_leaves_pyplot_and_the_global_style_as_they_were(settings, figures):
+    del figures
+    assert pyplot.get_fignums() == []
+    assert dict(matplotlib.rcParams) == settings
+
+
+def test_the_style_of_the_session_does_not_show():
+    file, plain = io.BytesIO(), io.BytesIO()
+    evaluation = make_evaluation(make_record(300))
+    plot_voltage(evaluation).savefig(plain, format="raw", dpi=40)
+    plain_svg = encode(plot_voltage(evaluation), "svg")
+    axes = {"axes.facecolor": "black", "xtick.labelsize": 30.0, "axes.grid": False}
+    with matplotlib.rc_context(axes | {"svg.fonttype": "none", "svg.hashsalt": "other"}):
+        figure = plot_voltage(evaluation)
+        svg = encode(plot_voltage(evaluation), "svg")
+    figure.savefig(file, format="raw", dpi=40)
+    assert file.getvalue() == plain.getvalue()
+    assert svg == plain_svg

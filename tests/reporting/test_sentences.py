@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 from barnax import CircuitParameters, Notice
 from barnax.fit.cross_validation import SocErrors
+from barnax.fleet import Progress
 from barnax.reporting.first_screen import next_step
 from barnax.reporting.wording import sentences, wording
 from barnax.search.answers import Optimum
@@ -18,7 +19,7 @@ from helpers.results import make_table_result, with_fit
 GOLDEN = Path(__file__).parent / "sentences.txt"
 CIRCUIT = CircuitParameters.constant(0.05, (0.02, 0.03), (4.1 / 0.02, 150 / 0.03))
 # What options of Python a sentence may name.
-OPTIONS = {"bounds", "capacity", "initial_soc", "model", "score_soc"}
+OPTIONS = {"bounds", "capacity", "initial_soc", "model", "retry", "score_soc"}
 
 
 @dataclass(frozen=True)
@@ -107,7 +108,14 @@ def beyond() -> list[str]:
     return [*sentences("starts.beyond", extents, "the OCV test")]
 
 
-SAID = (optima, findings, errors, beyond)
+def fleet() -> list[str]:
+    """The end of a fleet counts what was done; its progress is the throughput."""
+    states = Progress(finished=40, failed=2, skipped=3), Progress(skipped=5)
+    done = [wording("fleet.done", each, 20.0) for each in states]
+    return [*done, wording("fleet.progress", Progress(finished=30, failed=2), 20.0)]
+
+
+SAID = (optima, findings, errors, beyond, fleet)
 
 
 def test_every_sentence_is_as_in_the_golden_file():

@@ -56,24 +56,12 @@ def design_screen(design: "Design") -> Page:
 
 def _facts(design: "Design") -> dict[str, Any]:
     """What the sentences about a test are made of."""
-    wanted = design.wanted
-    names = dict.fromkeys([*wanted, *design.already, *design.printed])
+    names = dict.fromkeys([*design.wanted, *design.already, *design.printed])
     halves = {name: [width.before for width in design.of_table(name)] for name in names}
-    before = {name: [half for half in halves[name] if half is not None] for name in names}
-    after = {name: [width.after for width in design.of_table(name)] for name in wanted}
-    middle = {name: float(np.median(halves)) for name, halves in before.items() if halves}
+    before = {name: [half for half in of if half is not None] for name, of in halves.items()}
+    after = {name: [width.after for width in design.of_table(name)] for name in design.wanted}
     facts: dict[str, Any] = {"before": before, "after": after, "together": TOGETHER}
-    facts |= {"emptying": EMPTYING, "already": [name for name in design.already if name in middle]}
-    facts["widened"] = [
-        name
-        for name in wanted
-        if name in middle and np.median(after[name]) > WIDENED * middle[name]
-    ]
-    facts["wider"] = {
-        name: half
-        for name, half in design.printed.items()
-        if name in middle and half > (1 + WIDER) * middle[name]
-    }
+    facts |= {"emptying": EMPTYING, "widened": WIDENED, "wider": WIDER}
     if design.is_needed and not design.is_reached:
         facts |= _shortfall(design, after)
     return facts

@@ -142,7 +142,7 @@ def design(
     low_soc, high_soc = _span(prior)
     _check_start(prior, high_soc, limits.high_v)
     wanted_soc = max(WANTED_SOC[0], low_soc), min(WANTED_SOC[1], high_soc)
-    wished, wanted = wishes_of(prior, None if want == "hppc" else want, wanted_soc)
+    targets, wanted = targets_of(prior, None if want == "hppc" else want, wanted_soc)
     random_key = jax.random.key(key)
     blocks = candidate_blocks(random_key, drive_levels()) if blocks is None else blocks
     capacity_ah = prior.cell.capacity_ah
@@ -165,9 +165,9 @@ def design(
     )
     if want == "hppc":
         medians = _medians(_halves(references[0].widths), _names(prior), wanted_soc)
-        wished, wanted = wishes_of(prior, medians, wanted_soc)
+        targets, wanted = targets_of(prior, medians, wanted_soc)
     choice = SearchSetup(
-        prior, limits, tuple(blocks), wished, criterion, high_soc, low_soc,
+        prior, limits, tuple(blocks), targets, criterion, high_soc, low_soc,
         drive if DRIVE in wanted else None, wanted.get(DRIVE, 0.0),
         _emptying(prior, limits, low_soc),
     )  # fmt: skip
@@ -270,7 +270,7 @@ def _names(prior: Prior) -> list[str]:
     return [*names, DRIVE]
 
 
-def wishes_of(
+def targets_of(
     prior: Prior, want: Mapping[str, float] | None, wanted_soc: Span
 ) -> tuple[dict[int, float], dict[str, float]]:
     """The targets by the index of an unknown, and by table.
@@ -285,19 +285,19 @@ def wishes_of(
             raise InputError(f"`want` {name}={half:g} must be above 0, and under 1 (100 % or 1 V)")
     usual = {**WANTED, DRIVE: WANTED_ON_DRIVE * prior.error.rmse_v}
     wanted = {name: usual.get(name, WANTED["R2"]) for name in names} if want is None else dict(want)
-    wished = {
+    targets = {
         index: wanted[short(name)]
         for index, (name, soc) in enumerate(prior.names)
         if is_within(soc, wanted_soc) and short(name) in wanted
     }
-    reached = {DRIVE, *(short(prior.names[index][0]) for index in wished)}
+    reached = {DRIVE, *(short(prior.names[index][0]) for index in targets)}
     if lacking := [name for name in wanted if name not in reached]:
         low, high = (100 * soc for soc in wanted_soc)
         raise InputError(
             f"`want` {', '.join(lacking)}: no node lies from {low:.0f} to {high:.0f} % SOC, where "
             "the test is; identify again with more `nodes`"
         )
-    return wished, wanted
+    return targets, wanted
 
 
 def _emptying(prior: Prior, limits: Limits, low_soc: float) -> tuple[Step, ...]:

@@ -138,7 +138,7 @@ class Trial:
 class SearchSetup:
     """The patterns, limits and targets of a search.
 
-    `wished` are half the 95 % intervals wanted of unknowns, by their index: relative, in V for an
+    `targets` are half the 95 % intervals wanted of unknowns, by their index: relative, in V for an
     OCV. With `drive`, the mean product of columns on a drive cycle, the RMSE there is to be
     `drive_v`. `last` are steps that end every test; one that discharges takes the remaining charge.
     """
@@ -146,7 +146,7 @@ class SearchSetup:
     prior: Prior
     limits: Limits
     blocks: Sequence[Block]
-    wished: Mapping[int, float]
+    targets: Mapping[int, float]
     criterion: Criterion
     high_soc: float
     low_soc: float
@@ -211,10 +211,10 @@ class SearchSetup:
         test = self.prior.loaded(sampled(steps, interval_s), self.high_soc, interval_s)
         whole = information_of(self.prior, test) + self.prior.information_before
         inverse = whole.inverse(self.prior)
-        unknowns, halves = [*self.wished], np.array([*self.wished.values()])
+        unknowns, halves = [*self.targets], np.array([*self.targets.values()])
         variance = np.diag(whole.covariance(self.prior, inverse))[unknowns]
-        wished = halves * self.prior.units[unknowns]
-        widths = NORMAL_95 * np.sqrt(np.maximum(variance, 0.0)) / wished
+        targets = halves * self.prior.units[unknowns]
+        widths = NORMAL_95 * np.sqrt(np.maximum(variance, 0.0)) / targets
         if self.drive is None:
             return widths
         on_drive = whole.left_on(self.prior, inverse, self.drive) / self.drive_v

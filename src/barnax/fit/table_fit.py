@@ -280,8 +280,8 @@ def _undetermined(objective: TableObjective, errors: Sequence[SocErrors]) -> set
         nodes = objective.nodes_of[objective.names.index(name)]
         is_determined = is_above(nodes if name == OHMIC else np.append(nodes[:1], nodes[:-1]))
         for prepared in objective.prepared_records:
-            is_telling = prepared.is_step if name == OHMIC else prepared.is_at_ocv
-            part = replace(prepared, scored=prepared.scored & is_telling)
+            is_judged = prepared.is_step if name == OHMIC else prepared.is_at_ocv
+            part = replace(prepared, scored=prepared.scored & is_judged)
             is_determined |= part.nearest(nodes)
         undetermined |= {(name, soc) for soc in nodes[~is_determined].tolist()}
     return undetermined

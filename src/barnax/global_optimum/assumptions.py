@@ -135,7 +135,7 @@ def with_better_hold(problem: "Problem") -> "Problem":
     records = problem.prepared_records
     is_open = [prepared.record.hold.strength == "assumed" for prepared in records]
     has_rate, is_fitted = get_circuit(problem.circuit).has_rate, problem.cell.ocv_is_fitted
-    if has_rate or not any(is_open) or not any(_can_tell(each, is_fitted) for each in records):
+    if has_rate or not any(is_open) or not any(_shows_hold(each, is_fitted) for each in records):
         return problem
     reason = "the voltage follows it far better than the other"
     assumed = records[is_open.index(True)].record.hold
@@ -173,7 +173,7 @@ def _moved_errors_v(problem: "Problem") -> list[np.ndarray]:
     return [np.diff(one.error_v[one.prepared.scored]) for one in errors]
 
 
-def _can_tell(prepared: PreparedRecord, ocv_is_fitted: bool) -> bool:
+def _shows_hold(prepared: PreparedRecord, ocv_is_fitted: bool) -> bool:
     """True if the voltage may distinguish the holds; a voltage that lags is evidence for one of
     them."""
     interval_s, usual_s = prepared.record.interval_s, prepared.median_interval_s

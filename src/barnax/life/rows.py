@@ -106,7 +106,7 @@ def ages_of(column: pl.Series, name: str) -> tuple[Ages, str]:
     number = np.where(np.isfinite(number), number, np.nan)
     if np.isnan(number).all():
         raise InputError(f"`age` {name}: no row has a finite age; give the column that has them")
-    lower, said = name.lower(), _unit_said(name)
+    lower, said = name.lower(), _unit_in(name)
     if said is not None:
         factor, unit = said
         return factor * number, unit
@@ -135,7 +135,7 @@ def ages_of(column: pl.Series, name: str) -> tuple[Ages, str]:
     return number, "day"
 
 
-def _unit_said(name: str) -> tuple[float, str] | None:
+def _unit_in(name: str) -> tuple[float, str] | None:
     """The unit in a column's name: the unit in which ages are reported, and its size in that."""
     for word, short, unit, factor in _UNITS:
         if re.search(rf"{word}|(?<![a-z])({short})(?![a-z])", name.lower()):
@@ -146,7 +146,7 @@ def _unit_said(name: str) -> tuple[float, str] | None:
 def ampere_hours(column: pl.Series, name: str) -> pl.Series:
     """The ampere-hours of every row, in the unit given by the name; null if a value is not a
     number."""
-    factor, unit = _unit_said(name) or (1.0, "A.h")
+    factor, unit = _unit_in(name) or (1.0, "A.h")
     number = column.cast(pl.Float64, strict=False)
     number = number.set((~number.is_finite()).fill_null(False), None)
     return factor * number if unit == "A.h" else number

@@ -274,11 +274,11 @@ class _Beginning:
             return Notice("start.unrested", {**about, **rests_s}, record.name)
         return None
 
-    def relaxing(self, tells_soc: bool) -> Notice:
+    def relaxing(self, sets_soc: bool) -> Notice:
         """The notice of an opening rest that relaxes; a doubt if it is short and sets the SOC."""
         record, first = self.record, self.first
         rest_s = float(record.time_s[first] - record.time_s[0])
-        is_doubtful = tells_soc and rest_s < MINIMUM_REST_S
+        is_doubtful = sets_soc and rest_s < MINIMUM_REST_S
         values = {"first_v": record.voltage_v[0], "last_v": record.voltage_v[first]}
         values |= {"start_row": record.row[first], "rest_s": rest_s}
         values |= {"rest": "short" if is_doubtful else None}

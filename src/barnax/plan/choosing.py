@@ -175,7 +175,7 @@ def _on_records(draft: Draft, groups: Sequence[Files]) -> Plan | None:
             why = f"{its} is identified with it, because there is no OCV test" if its else ""
             draft.take_record(file, draft.given_ah, why)
         if draft.is_over:
-            draft.tell_temperatures()
+            draft.set_temperatures()
         at = named_degc(record.temperature_degc)
         for file in draft.free:
             elsewhere = f"measured{named_degc(file.temperature_degc)}, and {record.name}{at}"
@@ -292,13 +292,13 @@ def _take_other_temperatures(
         if degc is None or is_same_degc(degc, record.temperature_degc):
             continue
         dated = [file for file in group if file.temperature_degc is not None]
-        if test is None or not (test.tells_temperature and choice.tells_temperature):
+        if test is None or not (test.has_temperatures and choice.has_temperatures):
             test = choice
         for file in _runnable(draft, dated, test, is_pulsed)[:1]:
             why = f"for tables over temperature too: {draft.words_of(file)}"
             draft.take(file, "identification", why)
             draft.take_tests(test)
-    draft.tell_temperatures()
+    draft.set_temperatures()
 
 
 def _leave_others(draft: Draft, choice: OcvChoice, chosen: Chosen) -> None:

@@ -114,7 +114,7 @@ class Draft:
         role = next(roles, None)
         return "" if role is None else file.roles[role].reason + self.start(file).words
 
-    def tell_temperatures(self) -> None:
+    def set_temperatures(self) -> None:
         """Put the temperature from a name into the windows of records without a temperature
         column."""
         for file, part in self.taken.items():

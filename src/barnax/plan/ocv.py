@@ -50,7 +50,7 @@ class OcvChoice:
         return cls(tuple(tests), cell, capacity_ah)
 
     @property
-    def tells_temperature(self) -> bool:
+    def has_temperatures(self) -> bool:
         return all(test.temperature_degc is not None for test in self.tests)
 
 

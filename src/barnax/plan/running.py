@@ -86,7 +86,7 @@ def plan_given(job: Job, command: Literal["identify", "hppc"] = "identify") -> P
         is_planned = role in SIMULATED and draft.start(file).window != file.chosen
         draft.take(file, role, suggested.reason + words if is_planned and suggested else "")
     if job.over == OVER_TEMPERATURE:
-        draft.tell_temperatures()
+        draft.set_temperatures()
     # One capacity applies to all, so records at several temperatures have none in common.
     records = [file for file in looked["identification"] if file in choices]
     are_of_one = len({degc for degc, _ in by_temperature(records)} - {None}) < 2

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from barnax import Window, characterize, make_problem, read_record
+from barnax import Window, characterize, find_global_optimum, make_problem, read_record
 from barnax.global_optimum.assumptions import without_sweep_drop
-from barnax.global_optimum.search import find_global_optimum
 from helpers.ocv_tests import CAPACITY_AH, KNOTS, average_v
 from helpers.reference import drop_v, filtered_response, make_record
 

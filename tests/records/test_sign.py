@@ -6,7 +6,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from barnax.records import read_record, record_from_frame
+from barnax.records import Decision, read_record, record_from_frame
+from barnax.records.sign import _weighed
 from helpers.records import pulses_a, simulated_cell
 
 SIGNS = ["charge-positive", "discharge-positive"]
@@ -69,6 +70,16 @@ def test_counters_give_the_sign_away_where_the_voltage_does_not(tmp_path, sign):
     decision = read_record(path).sign
     assert (decision.value, decision.strength) == (sign, "strong")
     assert "counters" in decision.reason
+
+
+@pytest.mark.parametrize("sign", SIGNS)
+def test_of_evidence_that_weighs_the_same_the_first_look_decides(sign):
+    """The voltage is physics, the counters are names."""
+    (other,) = set(SIGNS) - {sign}
+    looks = Decision(sign, "strong", "the voltage"), Decision(other, "strong", "the counters")
+    decision = _weighed(looks)
+    assert (decision.value, decision.strength) == (sign, "weak")
+    assert decision.reason == "the voltage; against it: the counters"
 
 
 @pytest.mark.parametrize("promised", SIGNS)

@@ -7,9 +7,8 @@ import jax
 import numpy as np
 import pytest
 
-from barnax import InputError
+from barnax import InputError, refine, search_seeds
 from barnax.search.answers import AtBound
-from barnax.search.seeds import refine, search_seeds
 from helpers.problems import other_problem
 from helpers.reference import drop_v, filtered_response
 

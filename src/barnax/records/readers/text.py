@@ -241,7 +241,7 @@ def _columns(
     read = zip(frame[1:], frame[1:].select(pl.all().cast(pl.Float64, strict=False)), strict=True)
     return tuple(
         plain
-        if plain.null_count() == cells.null_count()
+        if plain.null_count() == cells.null_count() < len(cells)
         else cells.str.strip_chars().replace("", None)
         for cells, plain in read
     )

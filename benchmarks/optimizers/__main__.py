@@ -1,6 +1,7 @@
 """`python -m benchmarks.optimizers` runs our optimizers and those that win the CEC competitions on
 CEC 2017 and 2022 and on BBOB at equal evaluations; `--quick` takes a share of runs and evaluations.
-`--only SECTION` measures a section again and leaves the others on the page as they are."""
+`--only SECTION` measures a section again and leaves the others on the page as they are; `--runs`
+takes fewer runs of as many evaluations."""
 
 import argparse
 import json
@@ -32,10 +33,14 @@ SUITES = (
 )
 
 
-def sections(is_quick: bool, workers: int) -> dict[str, Callable[[], dict[str, Any]]]:
+def sections(
+    is_quick: bool, workers: int, most_runs: int = 51
+) -> dict[str, Callable[[], dict[str, Any]]]:
     """What measures each section, by its name: a suite's, and the others."""
     chosen = [
-        suite._replace(budget=quick[0], runs=quick[1]) if is_quick else suite
+        suite._replace(budget=quick[0], runs=quick[1])
+        if is_quick
+        else suite._replace(runs=min(suite.runs, most_runs))
         for suite, quick in SUITES
     ]
     # On the functions that `ibmo-adaptive` was developed on, and on others.
@@ -58,16 +63,18 @@ def main() -> None:
     """Measure the sections asked for, keep their rows, and print the page of all of them."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.optimizers", description=__doc__)
     parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--runs", type=int, default=51, help="at most so many runs of a suite")
     parser.add_argument("--only", nargs="*", metavar="SECTION")
     parser.add_argument("--workers", type=int, default=1, help="processes")
     parser.add_argument("--out", type=Path, default=FOLDER, help="folder to write to")
     options = parser.parse_args()
     raw = options.out / "optimizers.json"
     measured = json.loads(raw.read_text(encoding="utf-8")) if raw.exists() else {}
-    measures = sections(options.quick, options.workers)
+    measures = sections(options.quick, options.workers, options.runs)
     if unknown := {*(options.only or ())} - measures.keys():
         parser.error(f"no section is called {min(unknown)!r}; there are {', '.join(measures)}")
     command = "python -m benchmarks.optimizers" + " --quick" * options.quick
+    command += f" --runs {options.runs}" * (options.runs != parser.get_default("runs"))
     for name in measures if options.only is None else options.only:
         start = time.perf_counter()
         rows = measures[name]()

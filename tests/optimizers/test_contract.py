@@ -98,10 +98,10 @@ def test_the_same_key_gives_the_same_bits(name):
 def test_a_search_gives_the_same_bits_alone_and_beside_others(name):
     together = three_searches(name, run=as_users_search)
     trial = jax.tree.map(jnp.float32, Trial())
-    for place, key in enumerate(jr.split(jr.key(3), 3)):
+    for index, key in enumerate(jr.split(jr.key(3), 3)):
         alone = as_users_search(name, key[None], trial)
-        np.testing.assert_array_equal(alone.stats["history"][0], together.stats["history"][place])
-        np.testing.assert_array_equal(alone.value[0], together.value[place])
+        np.testing.assert_array_equal(alone.stats["history"][0], together.stats["history"][index])
+        np.testing.assert_array_equal(alone.value[0], together.value[index])
 
 
 def test_the_best_loss_never_rises_and_is_the_loss_of_the_answer(name):

@@ -76,9 +76,9 @@ def test_a_coevolving_particle_moves_its_coordinates_in_the_context():
     assert np.all(np.ptp(np.asarray(offspring[:-1]), axis=0) > 0)
     # The one further candidate has every coordinate from the best of those that move it.
     losses = np.asarray(swarm.losses)
-    for place in range(3):
-        leader = np.argmin(np.where(np.arange(CANDIDATES) % 3 == place, losses, np.inf))
-        assert offspring[-1, place] == swarm.positions[leader, place]
+    for axis in range(3):
+        leader = np.argmin(np.where(np.arange(CANDIDATES) % 3 == axis, losses, np.inf))
+        assert offspring[-1, axis] == swarm.positions[leader, axis]
     assert species.context.losses == losses.min()
 
 
@@ -219,10 +219,10 @@ def test_an_improved_grey_wolf_moves_as_in_the_loops_of_its_authors_code(is_publ
         assert (wolves == wolves[:, :1]).all()
         np.testing.assert_array_equal(np.sort(wolves[:, 0]), np.arange(9))
 
-    def bounded(place, now):
-        below, above = place < low, place > high
+    def bounded(moved_to, now):
+        below, above = moved_to < low, moved_to > high
         ends = ((now + low) / 2, (now + high) / 2) if is_published else (low, high)
-        return np.where(below, ends[0], np.where(above, ends[1], place)), below | above
+        return np.where(below, ends[0], np.where(above, ends[1], moved_to)), below | above
 
     outside = 0
     for i in range(9):

@@ -200,41 +200,29 @@ class AbstractPopulationSearch(eqx.Module):
         is_finite = jnp.isfinite(losses)
         losses = jnp.where(is_finite, losses, jnp.inf)
         best = jnp.argmin(losses)
-        best_aux = jax.tree.map(lambda leaf: leaf[best], aux)
-        evaluations = state.evaluations + len(positions)
-        failures = state.failures + jnp.sum(~is_finite)
+        latest = positions[best], losses[best], jax.tree.map(lambda leaf: leaf[best], aux)
         if state.is_new:
-            return PopulationState(
-                key=state.key,
-                box=state.box,
-                swarm=self.prepare(Swarm(positions, losses), state.box),
-                best_position=positions[best],
-                best_loss=losses[best],
-                best_aux=best_aux,
-                generation=state.generation,
-                evaluations=evaluations,
-                failures=failures,
-                history=jnp.full(self.iterations + 1, losses[best]),
-            )
-        generation = state.generation + 1
-        better = losses[best] < state.best_loss
-        best_loss = jnp.where(better, losses[best], state.best_loss)
-        offspring = Swarm(positions, losses, state.swarm.memory)
-        # Who asks for more than `iterations` has the last of them at the history's end.
-        latest = jnp.minimum(generation, self.iterations)
+            generation, swarm = state.generation, self.prepare(Swarm(positions, losses), state.box)
+            history = jnp.full(self.iterations + 1, losses[best])
+        else:
+            generation = state.generation + 1
+            before = state.best_position, state.best_loss, state.best_aux
+            better = losses[best] < state.best_loss
+            latest = jax.tree.map(lambda new, old: jnp.where(better, new, old), latest, before)
+            offspring = Swarm(positions, losses, state.swarm.memory)
+            swarm = self.survive(state.swarm, offspring, generation)
+            # Who asks for more than `iterations` has the last of them at the history's end.
+            end = jnp.minimum(generation, self.iterations)
+            history = state.history.at[end].set(latest[1], mode="promise_in_bounds")
         return PopulationState(
-            key=state.key,
-            box=state.box,
-            swarm=self.survive(state.swarm, offspring, generation),
-            best_position=jnp.where(better, positions[best], state.best_position),
-            best_loss=best_loss,
-            best_aux=jax.tree.map(
-                lambda new, old: jnp.where(better, new, old), best_aux, state.best_aux
-            ),
-            generation=generation,
-            evaluations=evaluations,
-            failures=failures,
-            history=state.history.at[latest].set(best_loss, mode="promise_in_bounds"),
+            state.key,
+            state.box,
+            swarm,
+            *latest,
+            generation,
+            evaluations=state.evaluations + len(positions),
+            failures=state.failures + jnp.sum(~is_finite),
+            history=history,
         )
 
     def is_over(self, state: PopulationState) -> Bool[Array, ""]:

@@ -38,8 +38,8 @@ class AbstractLedSearch(AbstractPopulationMinimiser):
 class Swim(NamedTuple):
     """One generation's numbers: one of each a whale, and whom it follows in each dimension.
 
-    A whale ends at `place + step * |weight * place - position|`, where `place` is that of a random
-    whale where `follows_random`, else the best. On a spiral the weight is one.
+    A whale ends at `leader + step * |weight * leader - position|`; its leader is a random whale
+    where `follows_random`, else the best. On a spiral the weight is one.
     """
 
     step: Float[Array, "candidates 1"]

@@ -83,8 +83,10 @@ class AdaptiveMating(AbstractPopulationMinimiser):
       large as the first, restarts the search and shrinks in the generations that are left.
     - `pl`: below zero none mate.
 
-    `python -m benchmarks.optimizers --only ablation` measures what each part is worth;
-    `benchmarks/results/optimizers.md` has its ranks beside L-SHADE, jSO and CMA-ES.
+    `python -m benchmarks.optimizers --only ablation restarts` measures what each part is worth;
+    `benchmarks/results/optimizers.md` has its ranks beside L-SHADE, jSO and CMA-ES. In 10
+    dimensions and 100,000 evaluations restarts lower the mean error of five of 15 functions that it
+    was developed on, and of three of 12 others, and raise one; neither is significant.
     """
 
     pl: int = 4

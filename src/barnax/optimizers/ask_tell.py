@@ -214,12 +214,15 @@ class AbstractPopulationSearch(eqx.Module):
             # Who asks for more than `iterations` has the last of them at the history's end.
             end = jnp.minimum(generation, self.iterations)
             history = state.history.at[end].set(latest[1], mode="promise_in_bounds")
+        best_position, best_loss, best_aux = latest
         return PopulationState(
-            state.key,
-            state.box,
-            swarm,
-            *latest,
-            generation,
+            key=state.key,
+            box=state.box,
+            swarm=swarm,
+            best_position=best_position,
+            best_loss=best_loss,
+            best_aux=best_aux,
+            generation=generation,
             evaluations=state.evaluations + len(positions),
             failures=state.failures + jnp.sum(~is_finite),
             history=history,

@@ -194,3 +194,15 @@ def test_a_hidden_pair_widens_r0_of_a_cell_of_a_pack_unless_bounds_of_r0_are_giv
         lows.append(widened.values["R0 [Ohm]"].low)
     # R0 without the pair is a third of it at least.
     assert lows == pytest.approx([R0 / 3 - 0.001, R0 - 0.001], rel=1e-12)
+
+
+def test_a_constant_circuit_sampled_otherwise_has_the_same_time_constants(monkeypatch):
+    _, prepared, change = made("forward")
+    taus_s = (10.0, 60.0)
+    circuit = CircuitParameters.of_tau(0.05, (0.02, 0.03), taus_s)
+    monkeypatch.setattr(answer, "resampling", lambda *_: change)
+    other = answer._resampled(SimpleNamespace(prepared_records=[prepared]), circuit)
+    assert other.tau_s == pytest.approx(taus_s, rel=1e-12)
+    ratios = np.array(other.r) / circuit.r - 1
+    assert ratios == pytest.approx([change.shares[name] for name in circuit.resistances[1:]])
+    assert np.all(np.abs(ratios) > 1e-3)

@@ -16,7 +16,12 @@ from barnax.cli.options import windows_of
 from barnax.cli.session import RESEARCH, Session, as_flags
 from barnax.job import PLANNED
 
-SOURCES = [path for path in Path(barnax.__file__).parent.rglob("*.py") if "plots" not in path.parts]
+# Figures and optimizers are called from Python alone.
+SOURCES = [
+    path
+    for path in Path(barnax.__file__).parent.rglob("*.py")
+    if not {"plots", "optimizers"} & {*path.parts}
+]
 # An option in a message, with its value if it has one.
 NAMED = re.compile(r"`([a-z][a-z_]*)(?:=[^`]*)?`")
 

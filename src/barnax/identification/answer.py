@@ -241,14 +241,17 @@ def _late_ohm(problem: Problem) -> list[float]:
 
 
 def _resampled(problem: Problem, circuit: CircuitParameters) -> CircuitParameters | None:
-    """The constant circuit under the other sampling of the current, in closed form; None if the
-    sampling is not merely assumed."""
+    """The constant circuit under the other sampling of the current, in closed form at the same time
+    constants; None if the sampling is not merely assumed."""
     ohm = circuit.named_ohm
     other = resampling(problem.prepared_records, circuit, ohm)
     if other is None:
         return None
-    rows = {name: [ohm[name] * (1 + share)] for name, share in other.shares.items()}
-    return circuit.with_tables({R0: [max(circuit.r0 + other.r0_ohm, 0.0)], **rows})
+    r_ohm = [
+        ohm[one.resistance] * (1 + other.shares.get(one.resistance, 0.0)) for one in circuit.names
+    ]
+    given = circuit.r0, r_ohm, circuit.tau_s, circuit.gamma, circuit.elements
+    return CircuitParameters.of_tau(*given).with_tables({R0: [max(circuit.r0 + other.r0_ohm, 0.0)]})
 
 
 def optimum_or_none(problem: Problem) -> GlobalOptimum | None:

@@ -42,8 +42,8 @@ def assert_seen_through(folder, name, outcome):
     mine, clean = outcome.traits.facts, CLEAN[name].facts
     for fact in (
         "samples",
-        "charged [Ah]",
-        "discharged [Ah]",
+        "charged [A.h]",
+        "discharged [A.h]",
         "median interval [s]",
         "voltage [V]",
     ):

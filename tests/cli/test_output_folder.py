@@ -13,7 +13,7 @@ import pytest
 
 from barnax.bundled import BUNDLED
 from barnax.cell.parameters import ANYWHERE
-from barnax.cli.output import require_free, write_file, write_folder
+from barnax.cli.output import _moved, require_free, write_file, write_folder
 from barnax.errors import InputError
 from barnax.files import aside, restore, unfinished
 from barnax.fit.factor_file import factors_to_bytes
@@ -134,6 +134,22 @@ def test_racing_writers_leave_the_files_of_one_of_them(old):
     assert len(left) == 13
     assert len(set(left.values())) == 1
     assert unfinished(old.parent) == []
+
+
+def test_an_empty_folder_that_stays_in_use_is_passed_over(tmp_path, monkeypatch):
+    fresh, target, replace = tmp_path / "fresh", tmp_path / "out", os.replace
+    fresh.mkdir()
+    target.mkdir()
+
+    def busy(*given):
+        if given[-1] == target or len(given) == 1:
+            raise OSError(16, "in use")
+        replace(*given)
+
+    monkeypatch.setattr(Path, "rmdir", busy)
+    monkeypatch.setattr(os, "replace", busy)
+    assert _moved(fresh, target) == tmp_path / "out-2"
+    assert sorted(tmp_path.iterdir()) == [target, tmp_path / "out-2"]
 
 
 def stop(monkeypatch, name, cause, nth=0):

@@ -104,6 +104,11 @@ def test_what_no_search_can_be_made_of_is_refused(changes, match):
         minimise(**given | {"key": KEY} | changes)
 
 
+def test_an_error_of_the_function_is_not_laid_to_the_lists_of_its_bounds():
+    with pytest.raises(TypeError, match="positional argument"):
+        minimise(lambda y: y[0] ** 2, BarnacleMating(**SMALL), [0.0, 0.0], [1.0, 1.0], key=KEY)
+
+
 def test_lists_serve_functions_of_lists_and_a_traced_search_raises_too():
     def of_list(y, args):
         return bowl(jnp.stack(y), args)

@@ -8,11 +8,11 @@ import polars as pl
 import pytest
 
 import barnax
-from barnax import Result
+from barnax import InputError, Result
 from barnax.bundled import BUNDLED
 from barnax.plan import plan, plan_from_toml, plan_to_toml
 from barnax.plan.running import planned
-from barnax.records import Source, read_record
+from barnax.records import Source, read_record, read_source
 from barnax.records.cell_values import numbers
 from barnax.records.log import joined
 from barnax.records.table import Table
@@ -118,11 +118,10 @@ def test_a_log_has_one_folder_one_temperature_and_columns_of_one_type(cut):
 
 def test_a_column_of_two_kinds_is_text_in_which_each_cell_is_what_it_was():
     dates = pl.Series("date", [date(2024, 1, 1)]).cast(pl.Datetime("ms"))
-    for other, second in ((dates.dt.replace_time_zone("UTC"), 1704067200.0), ([1], np.nan)):
-        parts = (dates, pl.Series("date", other))
-        whole = Table.stacked([Table.of(part.to_frame()) for part in parts])
-        stamps = numbers(whole.columns[0], whole.header.columns["date"])
-        np.testing.assert_array_equal(stamps, [1704067200.0, second])
+    parts = [Table.of(part.to_frame()) for part in (dates, dates.dt.replace_time_zone("UTC"))]
+    whole = Table.stacked(parts)
+    stamps = numbers(whole.columns[0], whole.header.columns["date"])
+    np.testing.assert_array_equal(stamps, [1704067200.0, 1704067200.0])
 
 
 def test_names_with_the_mark_between_files_stay_apart(cut):
@@ -138,3 +137,23 @@ def test_notices_of_joined_workbooks_name_a_sheet():
     sheets = joined(sources).table.sheets
     assert [name for name, _ in sheets] == ["a1", "a2", "b1", "b2"]
     assert sum(lines for _, lines in sheets) == 6
+
+
+def parts_of_a_log(folder, *columns):
+    for number, column in enumerate(columns):
+        time_s = pl.Series(np.arange(50.0) + 50 * number)
+        frame = {"Time / s": time_s, "Current / A": -0.1, "Voltage / V": 3.6}
+        pl.DataFrame(frame).with_columns(column.alias("Test Time")).write_parquet(
+            folder / f"{number}.parquet"
+        )
+    return [read_source(folder / f"{number}.parquet") for number in range(len(columns))]
+
+
+def test_columns_that_the_files_of_a_log_have_in_two_kinds_are_one_or_named(tmp_path):
+    times_us = pl.duration(microseconds=pl.int_range(50), time_unit="us")
+    alike = joined(parts_of_a_log(tmp_path, times_us, times_us.cast(pl.Duration("ms"))))
+    assert len(alike.table.row) == 100
+    for number, column in enumerate((pl.lit(0.0), pl.lit(b"\xff"))):
+        (folder := tmp_path / str(number)).mkdir()
+        with pytest.raises(InputError, match=r"0\.parquet \+ 1\.parquet: 'Test Time' has dates"):
+            joined(parts_of_a_log(folder, times_us, column))

@@ -265,8 +265,8 @@ def traits_of(given: CheckInput) -> Traits:
         "time [s]": (float(record.time_s[0]), float(record.time_s[-1])),
         "median interval [s]": given.samples.interval_s,
         "voltage [V]": (float(record.voltage_v.min()), float(record.voltage_v.max())),
-        "charged [Ah]": given.charged_ah,
-        "discharged [Ah]": given.discharged_ah,
+        "charged [A.h]": given.charged_ah,
+        "discharged [A.h]": given.discharged_ah,
         "current sign": record.sign.value,
         "current hold": record.hold.value,
     }

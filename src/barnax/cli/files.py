@@ -15,7 +15,7 @@ from .. import reporting
 from ..errors import InputError, attempt, printable, require_positive
 from ..settings import Reading
 from .options import Given, options_of
-from .output import add_file, require_free_file, tell_unfinished, write_file
+from .output import add_file, report_unfinished, require_free_file, write_file
 from .session import Session, shown
 
 if TYPE_CHECKING:
@@ -139,7 +139,7 @@ def convert(
                 f"{origin}: would be replaced by the origin of {path.name}, and is another file; "
                 "give `out` another name"
             )
-    tell_unfinished(session, path.parent)
+    report_unfinished(session, path.parent)
     with session.watch(f"Reading {file.name}"):
         how = Reading(**read)
         sources = [read_source(path, **how.of_tables) for path in files]
@@ -195,7 +195,7 @@ def export(
     if not path.suffix:
         ending = Path(exporter.file_name).suffix
         raise InputError(f"{path}: has no ending; give `out` a name that ends in {ending}")
-    tell_unfinished(session, path.parent)
+    report_unfinished(session, path.parent)
     stored = barnax.Result.load(result)
     content, caveats = exporter.write(stored)
     lines = [f"{exporter.description}: [bold]{shown(path)}[/bold]"]

@@ -17,7 +17,7 @@ from .. import reporting
 from ..errors import InputError, as_keys, counted
 from ..files import changed_ns, is_address, located, replacing
 from .options import Given, options_of, options_of_job
-from .output import Output, drawn_files, page_of, tell_unfinished
+from .output import Output, drawn_files, page_of, report_unfinished
 from .session import Session, as_flags, require_platform, shown
 
 if TYPE_CHECKING:
@@ -153,7 +153,7 @@ def fleet(
     # Parts, factors and results are folders in it.
     if isinstance(folder, Path):
         for inside in (folder, *filter(Path.is_dir, folder.iterdir())):
-            tell_unfinished(session, inside)
+            report_unfinished(session, inside)
     lines = [wording("fleet.done", state, session.elapsed_s)]
     # Shards run at the same time: the command that joins them writes the report.
     if shard:

@@ -62,7 +62,7 @@ class Output:
         run = Delivery(self, folder)
         if folder is not None:
             require_free(folder, self.force)
-            tell_unfinished(run, folder.resolve().parent)
+            report_unfinished(run, folder.resolve().parent)
         if with_jax:
             run.load_jax()
         return run
@@ -296,8 +296,7 @@ def new_run(*words: str) -> str:
 
 def _moved(fresh: Path, target: Path) -> Path:
     """The first free name, where the folder now is."""
-    while True:
-        free = next(free_names(target))
+    for free in free_names(target):
         with suppress(OSError):
             # Not every system moves a folder over an empty one.
             free.rmdir()
@@ -305,9 +304,10 @@ def _moved(fresh: Path, target: Path) -> Path:
             os.replace(fresh, free)
             return free
         except OSError:
-            # Another process may have taken it since.
+            # Another process may have taken it since, or it can be neither removed nor replaced.
             if not os.path.lexists(free):
                 raise
+    raise AssertionError("there is always another number")
 
 
 def _ours_and_theirs(folder: Path) -> tuple[set[str], set[str]]:
@@ -373,7 +373,7 @@ def add_file(path: Path, content: bytes) -> None:
                 write_whole(path.parent / LIST, _listed({**listed, path.name: _hash(content)}))
 
 
-def tell_unfinished(session: Session, folder: Path) -> None:
+def report_unfinished(session: Session, folder: Path) -> None:
     """Say what killed commands left in a folder, as far as it is there."""
     session.warn(
         f"{path}: left by a command that was stopped while it wrote"

@@ -164,7 +164,7 @@ class SearchSetup:
         return cache(partial(self.limits.allowed, self.prior))
 
     def steps(self, pattern: Pattern, hours: float) -> list[Step] | None:
-        """The whole test; None if it takes longer, or blocks too much charge."""
+        """The whole test; None if it takes longer, or its blocks take too much charge."""
         capacity_ah = self.prior.cell.capacity_ah
         # If pieces went below the lowest known state of charge, it ends higher.
         is_held = bool(self.last) or self.prior.planned_soc[0] > 0

@@ -1,4 +1,10 @@
-"""An offset of the current that several records share, as those of one tester do."""
+"""An offset of the current that several records share, such as those of one tester.
+
+An offset o adds dv = o (U'(s) t / C + R) after a time t. In one record this looks like a capacity,
+or a slow pair. In records at different rates it shifts their charge by shares that no start and no
+capacity explain, and is one more unknown, with an OCV fitted to the records: a measured one need
+not extend to where the charge goes without the offset.
+"""
 
 import math
 from collections.abc import Mapping

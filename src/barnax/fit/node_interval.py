@@ -1,11 +1,4 @@
-"""Values of tables, constants and means over SOC, each with its confidence interval, and the curves
-that tables approximate by lines between nodes.
-
-A resistance or an OCV over SOC is smooth; its table is linear from node to node. Least squares put
-these lines below the curve at the nodes where it bends upward, and the part that lines cannot
-represent moves other values. The curve is taken to be the cubic spline whose best approximation by
-lines is the table.
-"""
+"""Values of tables, constants and means over SOC, each with its confidence interval."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

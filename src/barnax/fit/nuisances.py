@@ -1,11 +1,4 @@
-"""Nuisances of the records of one cell, estimated together with its tables under priors; and an
-offset of the current shared by several records, such as those of one tester.
-
-An offset o adds dv = o (U'(s) t / C + R) after a time t. In one record this looks like a capacity,
-or a slow pair. In records at different rates it shifts their charge by shares that no start and no
-capacity explain, and is one more unknown, with an OCV fitted to the records: a measured one need
-not extend to where the charge goes without the offset.
-"""
+"""Nuisances of the records of one cell, estimated together with its tables under priors."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -77,9 +70,9 @@ def estimate(
     combinations: Float[np.ndarray, "wanted values"] | None = None,
     pseudo_measurements: PseudoMeasurements | None = None,
 ) -> list[NuisanceEstimate]:
-    """The nuisances of records prepared with the nuisances `now`, together with all tables, under
-    each of `priors`, the standard deviations of the given values; `wanted` are weights of the
-    tables' values in sums, and `beside` are further measurements of the nuisances.
+    """The nuisances of records prepared with the nuisances `iterate`, together with all tables,
+    under each of `priors`, the standard deviations of the given values; `combinations` are weights
+    of the tables' values in sums, and `pseudo_measurements` further information on the nuisances.
 
     The noise is correlated, so that H^-1 (J' G J + P S P) H^-1 is the covariance, with S the prior
     and P its weight in the least squares, the strength of the noise divided by S.

@@ -1,4 +1,10 @@
-"""The smooth curves of which tables are straight lines: how far they depart from these."""
+"""The curves that tables approximate by straight lines between nodes.
+
+A resistance or an OCV over SOC is smooth; its table is linear from node to node. Least squares put
+these lines below the curve at the nodes where it bends upward, and the part that lines cannot
+represent moves other values. The curve is taken to be the cubic spline whose best approximation by
+lines is the table.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,5 +1,5 @@
-"""From prepared records to the objective of their tables and its optimum: blocks of samples,
-searched constants, and reduced factors."""
+"""From prepared records to the objective of their tables and its optimum: the ranges searched, and
+reduced factors."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -25,7 +25,7 @@ from .folds import blocks_of
 from .objective import Solution, TableObjective
 from .settings import SLOWEST_SHARE, SLOWEST_TAU_S, TableSettings
 
-# Records that traverse less SOC than this without turning contain no information about the branch
+# Records whose SOC rises or falls by less than this contain no information about the branch
 # in that direction.
 BOTH_WAYS_SOC = 0.1
 # Rate held for a dynamic hysteresis that records do not determine: it has turned after about 10 %
@@ -49,7 +49,7 @@ def reduced_objective(
     parts = reduce_records(
         prepared_records, layout, *blocks_of(prepared_records, settings), voltage_offsets_v
     )
-    # A shortened part is no longer triangular, as taking a side of it requires.
+    # A shortened part is no longer triangular, as taking one of its voltages requires.
     whole = combine_factors(parts) if voltage_offsets_v is None else parts[0]
     # A group visits few nodes: most rows of its triangle are empty.
     parts = [replace(part, factor=part.factor[part.factor.any(axis=1)]) for part in parts]
@@ -149,8 +149,7 @@ def search_ranges(prepared_records: Sequence[Any], settings: TableSettings) -> d
 
 
 def least_travel_soc(prepared_records: Sequence[PreparedRecord]) -> float:
-    """The longest travel of the SOC without turning back, in the direction where that is
-    shorter."""
+    """The largest rise or fall of the SOC in a record, in the direction where that is smaller."""
 
     def furthest(soc: Float[np.ndarray, "samples"], extreme: np.ufunc) -> float:
         ends = extreme.accumulate(soc)

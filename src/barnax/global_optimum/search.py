@@ -1,5 +1,4 @@
-"""The best circuit over a grid of time constants, polished and proved, and the assumptions tested
-by it."""
+"""The best circuit over a grid of time constants, polished and proved."""
 
 import math
 from collections.abc import Sequence

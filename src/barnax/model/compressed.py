@@ -1,5 +1,4 @@
-"""What a compiled search evaluates: its coordinates, and the errors of every circuit in a box from
-one small factor, whatever the record's length.
+"""The errors of every circuit in a box from one small factor, whatever the record's length.
 
 For given time constants the error is linear in the resistances, and an RC pair's response to the
 current is a combination of a few responses (`exponentials`). With T the triangular factor of [those

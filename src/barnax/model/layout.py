@@ -1,5 +1,4 @@
-"""Triangular factors of many rows: sufficient for the squared norm of any combination of columns;
-and the order of the columns in the reduced factor of records."""
+"""The columns of the reduced factor of records, and their order."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

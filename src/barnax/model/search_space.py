@@ -1,4 +1,4 @@
-"""The search box: bounds in physical units, and the coordinates an optimizer moves in."""
+"""The search box: bounds in physical units."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Triangular factors of many rows: what sums of squares of all combinations of columns need."""
+"""Triangular factors of many rows: they give the squared norm of any combination of columns."""
 
 from collections.abc import Iterable
 from functools import reduce

@@ -1,6 +1,7 @@
 """A search in one call: own functions, NumPy ones, many keys, restarts."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -109,7 +110,7 @@ def minimise(
             "write it with jax.numpy, or give `from_numpy(fn)`, which calls Python every time"
         ) from error
     except TypeError as error:
-        if not isinstance(y0, list | tuple):
+        if not isinstance(y0, list | tuple) or not _can_compute(fn, jnp.asarray(y0), args):
             raise
         raise InputError(
             f"`fn` cannot compute with a {type(y0).__name__}, which `y0`, else `lower` {lower}, "
@@ -125,6 +126,13 @@ def minimise(
             "where it is"
         )
     return solution
+
+
+def _can_compute(fn: Callable[[PyTree, PyTree], Any], y: Array, args: Any) -> bool:
+    with suppress(Exception):
+        jax.eval_shape(fn, y, args)
+        return True
+    return False
 
 
 @eqx.filter_jit

@@ -61,8 +61,8 @@ def plan(job: Job) -> Plan:
     given, tests, others = (
         files_of(listed(several), folders) for several in (job.records, job.ocv, job.validate)
     )
-    free = [file for file in given if not _places([file]) & _places([*tests, *others])]
-    if not free and (twice := [file for file in given if _places([file]) & _places(others)]):
+    free = [file for file in given if not _resolved([file]) & _resolved([*tests, *others])]
+    if not free and (twice := [file for file in given if _resolved([file]) & _resolved(others)]):
         raise Notice("role.given-twice", {"same": "name"}, Path(twice[0]).name).error()
     roles: dict[Use, Any] = {"identification": free, "OCV test": tests, "validation": others}
     free, tests, others = look(roles, job).values()
@@ -78,7 +78,7 @@ def plan(job: Job) -> Plan:
         return _decide(draft, tests, others)
 
 
-def _places(files: Sequence[Given]) -> set[Path]:
+def _resolved(files: Sequence[Given]) -> set[Path]:
     return {Path(file).resolve() for file in files if isinstance(file, str | Path)}
 
 

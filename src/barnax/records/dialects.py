@@ -169,6 +169,7 @@ DIALECTS: tuple[Dialect, ...] = (
         "Basytec",
         marks=("time & t-step & u & i", "time & dataset & u & i", "t-step & ah-step"),
         names={
+            "temperature": "t1",
             "step time": "t-step",
             "step": "line",
             "cycle": "cyc-count",

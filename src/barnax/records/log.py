@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from ..errors import InputError
+from ..errors import InputError, naming
 from .record import Record, is_long
 from .source import Source
 from .table import Table
@@ -38,9 +38,10 @@ def joined(sources: Sequence[Source]) -> Source:
     parts = [
         replace(table, row=table.row + rows) for table, rows in zip(tables, before, strict=True)
     ]
-    table = replace(Table.stacked(parts), files=len(parts))
     names, digests = zip(*((source.name, source.sha256) for source in sources), strict=True)
-    return replace(first, name=NEXT_FILE.join(names), table=table, sha256=" ".join(digests))
+    with naming(name := NEXT_FILE.join(names)):
+        table = replace(Table.stacked(parts), files=len(parts))
+    return replace(first, name=name, table=table, sha256=" ".join(digests))
 
 
 def pause_s(earlier: Record, later: Record) -> float:

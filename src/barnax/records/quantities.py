@@ -154,7 +154,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "surface temperature|surface temperature t1|cell temperature|temperature cell|"
         "battery temperature|temperature|aux temperature|"
         "aux temperature 1|aux1 temperature|temperature t1|temperature 1|temperature measured|temp|"
-        "t1|t|ambient temperature|temperatur|温度|溫度|電池温度|온도",
+        "t1|t|ambient temperature|temperatur|電池温度|温度|溫度|온도",
         ("Surface Temperature / degC", "Ambient Temperature / degC"),
     ),
     Quantity(

@@ -79,8 +79,8 @@ def flowing_shares(record: Record) -> Float[np.ndarray, "intervals"] | None:
     is_steady = np.abs(np.diff(current_a)[gaps]) < _STEADY * np.abs(current_a[gaps])
     is_silent &= np.mean(is_steady) < _STEADY_SHARE
     # Of a logger that writes rests, a gap is one that tells it alone, such as a clock that was set.
-    all_tell = is_silent and np.sum(np.clip(evidence, -_MOST, _MOST)) >= _MOST
-    rests = gaps[evidence > -_MOST] if all_tell else gaps[evidence >= _MOST]
+    is_conclusive = is_silent and np.sum(np.clip(evidence, -_MOST, _MOST)) >= _MOST
+    rests = gaps[evidence > -_MOST] if is_conclusive else gaps[evidence >= _MOST]
     shares = np.ones(len(interval_s))
     shares[rests] = usual_s / interval_s[rests]
     return shares if len(rests) else None

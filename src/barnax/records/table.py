@@ -3,6 +3,7 @@
 import hashlib
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
@@ -11,7 +12,7 @@ import numpy as np
 import polars as pl
 from jaxtyping import Bool, Float, Int
 
-from ..errors import LONGEST_CELL, cut
+from ..errors import LONGEST_CELL, InputError, cut
 from ..notices import Notice
 from .cell_values import DAY_S, dated_numbers, numbers
 from .columns import Column, Header, in_its_unit, names_cell_voltage, normal
@@ -63,11 +64,15 @@ class Table:
     @classmethod
     def stacked(cls, tables: Sequence[Self]) -> Self:
         """Tables of one header, one below the other; a column is text where only that holds all of
-        its values, so that a stray word can be quoted."""
+        its values, so that a stray word can be quoted.
+
+        Raises `InputError` where no column holds them.
+        """
         has_sheets = all(table.sheets for table in tables)
+        columns = zip(*(table.columns for table in tables), strict=True)
         return replace(
             tables[0],
-            columns=tuple(map(_stacked, zip(*(table.columns for table in tables), strict=True))),
+            columns=tuple(map(_stacked, tables[0].header.names, columns)),
             row=np.concatenate([table.row for table in tables]),
             sheets=sum((table.sheets for table in tables), ()) if has_sheets else (),
             notes=tuple(dict.fromkeys(note for table in tables for note in table.notes)),
@@ -157,11 +162,16 @@ class Table:
         return values_v
 
 
-def _stacked(parts: Sequence[pl.Series]) -> pl.Series:
-    dtypes = {part.dtype for part in parts} - {pl.Null}
-    is_mixed = len(dtypes) > 1 and not all(dtype.is_numeric() for dtype in dtypes)
-    frames = [(part.cast(pl.String) if is_mixed else part).to_frame("") for part in parts]
-    return pl.concat(frames, how="vertical_relaxed").to_series()
+def _stacked(name: str, parts: Sequence[pl.Series]) -> pl.Series:
+    dtypes = [part.dtype for part in parts if part.dtype != pl.Null]
+    if len({dtype.is_temporal() for dtype in dtypes if dtype != pl.String}) > 1:
+        raise InputError(f"'{name}' has dates or durations in some of the parts and none in others")
+    for is_text in (pl.String in dtypes, True):
+        with suppress(pl.exceptions.PolarsError):
+            frames = [(part.cast(pl.String) if is_text else part).to_frame("") for part in parts]
+            return pl.concat(frames, how="vertical_relaxed").to_series()
+    kinds = " and ".join(dict.fromkeys(map(str, dtypes)))
+    raise InputError(f"'{name}' is of {kinds}, which make no one column")
 
 
 def is_of_cell(values_v: Float[np.ndarray, "lines"]) -> bool:

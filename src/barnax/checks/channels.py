@@ -199,7 +199,7 @@ def _swing(current_a: Channel) -> float:
 
 
 # Readings alike for so many samples, in so many places, at the largest or the smallest value.
-_ALIKE, _FEWEST_SAMPLES = 4, 3
+_ALIKE, _FEWEST_AT_LIMIT = 4, 3
 # Elsewhere under load hardly any are: a tester without noise repeats every value.
 _ELSEWHERE, _FEWEST_ELSEWHERE = 0.02, 100
 _LOADED = 0.05
@@ -224,7 +224,7 @@ def find_clipped_current(given: CheckInput) -> Iterator[Notice]:
     elsewhere = is_loaded & ~np.isin(current_a, limits_a)
     for limit_a in limits_a:
         at_limit = is_alike & (current_a[first] == limit_a)
-        if at_limit.sum() < _FEWEST_SAMPLES:
+        if at_limit.sum() < _FEWEST_AT_LIMIT:
             continue
         if elsewhere.sum() < _FEWEST_ELSEWHERE or in_run[elsewhere].mean() > _ELSEWHERE:
             continue

@@ -28,6 +28,8 @@ UNBROKEN = re.compile(f"{ONE_OPTION}(?: {ONE_OPTION})*|{INTERVAL}|{ONE_END}|not 
 GLUE = "\ue000"
 # Longer words, such as file names, may be broken: behind a dot, dash or underscore where one is.
 LONGEST_WORD = 24
+# What is to be copied is broken where it alone would be wider than most terminals.
+LONGEST_GLUED = 60
 SEPARATED = re.compile(r"(?<=\w[._-])(?=\w)")
 
 # Width of text that is shown outside a terminal.
@@ -119,7 +121,7 @@ def _glued(text: str) -> str:
 def _least_width(text: str) -> int:
     """The width below which a text would be cut."""
     words = [(word, cell_len(word)) for word in _glued(text).split()]
-    widths = (width if GLUE in word else min(width, LONGEST_WORD) for word, width in words)
+    widths = (min(width, LONGEST_GLUED if GLUE in word else LONGEST_WORD) for word, width in words)
     return max(widths, default=0)
 
 

@@ -12,7 +12,14 @@ import optimistix as optx
 import pytest
 
 from barnax import InputError
-from barnax.optimizers import BarnacleMating, ParticleSwarm, Stop, from_numpy, minimise
+from barnax.optimizers import (
+    BarnacleMating,
+    ParticleSwarm,
+    Stop,
+    from_numpy,
+    make_optimizer,
+    minimise,
+)
 
 KEY = jr.key(4)
 CENTER = jnp.array([1.0, -2.0])
@@ -89,13 +96,18 @@ def test_no_search_that_is_over_reports_beside_others():
         ({"optimizer": BarnacleMating}, "`optimizer` <class .*Mating'> is no optimizer"),
         (
             {"lower": [-4.0, -4.0], "upper": [3.0, 3.0]},
-            r"`fn` cannot compute with a list, .*`lower` \[-4.0, -4.0\].* give .*jnp.array\(\[-4",
+            r"`fn` fails on a list, as `lower` \[-4.0, -4.0\] is .* give .*jnp.array\(\[-4",
         ),
         ({"fn": lost}, r"`fn` is NaN or infinite at all 168 candidates .*between \[-4. -4.\] and"),
         ({"fn": lost, "restarts": 1}, "at all 336 candidates"),
+        ({"lower": jnp.zeros(2), "upper": jnp.ones(3)}, r"shapes \(2,\) and \(3,\)"),
+        ({"lower": {"a": 0.0}, "upper": {"b": 1.0}}, "`lower` is a .*'a'.* `upper` a .*'b'"),
+        ({"y0": {"a": 0.0}}, "`lower` is|`y0` a .*'a'|`y0` has arrays"),
+        ({"y0": "best"}, "`y0` 'best' is of no numbers"),
     ],
     ids=[
         "keys", "number", "infinite", "nan", "name", "class", "list", "nowhere", "nowhere again",
+        "shapes", "names", "other names", "text",
     ],
 )  # fmt: skip
 def test_what_no_search_can_be_made_of_is_refused(changes, match):
@@ -210,3 +222,21 @@ def test_the_optimizers_load_no_tables_figures_schemas_or_batteries():
     assert not loaded & {"polars", "matplotlib", "pydantic", "pandas", "scipy.optimize"}
     ours = {name.split(".")[1] for name in loaded if name.startswith("barnax.")}
     assert ours == {"optimizers", "errors", "display"}
+
+
+def test_losses_of_another_number_than_positions_are_refused():
+    search = make_optimizer("pso", population=8, iterations=3)
+    positions, state = search.ask(search.begin(jax.random.key(0), [0.0, 0.0], [1.0, 1.0]))
+    with pytest.raises(InputError, match=r"`losses` has the shape \(3,\); .* the 8 positions"):
+        search.tell(state, positions, np.zeros(3))
+    assert search.tell(state, positions, [1.0] * 8).best_loss == 1.0
+    with pytest.raises(InputError, match="`population` 30.5 is not a whole number"):
+        make_optimizer("pso", population=30.5, iterations=3)
+
+
+@pytest.mark.parametrize("evaluations", [0, -5])
+def test_a_stop_before_the_first_evaluation_is_refused(evaluations):
+    with pytest.raises(
+        InputError, match=rf"`max_evaluations` {evaluations} ends no search; .* 1 on"
+    ):
+        Stop(max_evaluations=evaluations)

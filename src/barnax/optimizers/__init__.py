@@ -6,7 +6,7 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import NamedTuple
 
-from ..errors import InputError
+from ..errors import InputError, require_number
 from .adaptive import AdaptiveMating as AdaptiveMating
 from .ask_tell import NEVER
 from .ask_tell import PopulationState as PopulationState
@@ -84,6 +84,8 @@ def make_optimizer(
     """
     if name not in OPTIMIZERS:
         raise InputError(f"no optimizer is called {name!r}; there are {', '.join(OPTIMIZERS)}")
+    for option, value in (("population", population), ("iterations", iterations)):
+        require_number(option, value, int)
     if population < 4:
         raise InputError(f"a population needs at least 4 candidates; {population} was given")
     if iterations < 1:

@@ -50,10 +50,13 @@ class Stop(eqx.Module):
         kinds = {"target": float, "max_evaluations": int, "ftol": float, "patience": int}
         for name, kind in kinds.items():
             require_number(name, getattr(self, name), kind)
-            value, least = getattr(self, name), 1 if name == "patience" else -np.inf
+            value, least = getattr(self, name), 1 if kind is int else -np.inf
             is_number = isinstance(value, float | int)
-            if (is_number and not least <= value < np.inf) or (value is None and least == 1):
-                raise InputError(f"`{name}` {value} ends no search; give a finite number")
+            if (is_number and not least <= value < np.inf) or (
+                value is None and name == "patience"
+            ):
+                from_one = " from 1 on" if kind is int else ""
+                raise InputError(f"`{name}` {value} ends no search; give a finite number{from_one}")
 
     @property
     def is_early(self) -> bool:
@@ -146,8 +149,9 @@ class AbstractPopulationSearch(eqx.Module):
         Raises `InputError` for bounds in the wrong order, and for infinite ones.
         """
         require_order(lower, upper)
+        lower, upper = jnp.asarray(lower), jnp.asarray(upper)
         dtype = jnp.result_type(float, lower, upper)
-        ends = (jnp.atleast_1d(jnp.asarray(end, dtype)) for end in (lower, upper))
+        ends = (jnp.atleast_1d(end.astype(dtype)) for end in (lower, upper))
         box = Box(*jnp.broadcast_arrays(*ends))
         key = as_key(key)
         start_key, _ = jr.split(jr.fold_in(key, 0))
@@ -197,6 +201,10 @@ class AbstractPopulationSearch(eqx.Module):
         A loss that is not finite counts as infinite, and as a failure. Of `aux`, a row for every
         position, the best one's is kept.
         """
+        losses = jnp.asarray(losses)
+        if losses.shape != (len(positions),):
+            given = f"`losses` has the shape {losses.shape}"
+            raise InputError(f"{given}; give one for each of the {len(positions)} positions")
         is_finite = jnp.isfinite(losses)
         losses = jnp.where(is_finite, losses, jnp.inf)
         best = jnp.argmin(losses)
@@ -278,6 +286,9 @@ def require_optimizer(optimizer: Any) -> None:
 
 
 def require_order(lower: Any, upper: Any) -> None:
+    shapes = np.shape(lower), np.shape(upper)
+    if shapes[0] != shapes[1] and () not in shapes:
+        raise InputError(f"the bounds have the shapes {shapes[0]} and {shapes[1]}; give one shape")
     # Bounds that are traced have no value yet.
     if any(isinstance(end, Tracer) for end in (lower, upper)):
         return

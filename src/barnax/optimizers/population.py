@@ -219,10 +219,13 @@ def flat_bounds(y: PyTree, options: dict[str, Any]) -> list[Array]:
             f"a population minimiser searches inside a box; options lack {' and '.join(missing)}"
         )
     leaves, structure = jax.tree.flatten(y)
-    ends = [
-        jax.tree.leaves(bound) if jax.tree.structure(bound) == structure else [bound] * len(leaves)
-        for bound in (options["lower"], options["upper"])
-    ]
+    ends = []
+    for name in ("lower", "upper"):
+        bound = options[name]
+        its, is_whole = jax.tree.structure(bound), jax.tree.structure(bound) == structure
+        if not is_whole and not jax.tree_util.treedef_is_leaf(its):
+            raise InputError(f"`{name}` is a {its}, and `y0` a {structure}; give the same")
+        ends.append(jax.tree.leaves(bound) if is_whole else [bound] * len(leaves))
     for low, high in zip(*ends, strict=True):
         require_order(low, high)
     try:

@@ -17,7 +17,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Key, PyTree
 
 from ..errors import InputError, reason_of
-from .ask_tell import as_key, require_optimizer
+from .ask_tell import as_key, require_optimizer, require_order
 from .population import AbstractPopulationMinimiser, flat_bounds, where_else
 
 # What JAX raises where a function asks for the values of a traced argument, as NumPy's do.
@@ -93,10 +93,17 @@ def minimise(
     True
     """
     require_optimizer(optimizer)
-    if y0 is None:
-        y0, use_y0 = jax.tree.map(_zeros_between, lower, upper), False
-    else:
-        y0, use_y0 = jax.tree.map(lambda leaf: jnp.asarray(leaf) * 1.0, y0), True
+    structures = jax.tree.structure(lower), jax.tree.structure(upper)
+    if structures[0] != structures[1]:
+        raise InputError("`lower` is a {}, and `upper` a {}; give the same".format(*structures))
+    use_y0, (name, given) = y0 is not None, ("lower", lower) if y0 is None else ("y0", y0)
+    try:
+        if use_y0:
+            y0 = jax.tree.map(lambda leaf: jnp.asarray(leaf) * 1.0, y0)
+        else:
+            y0 = jax.tree.map(_zeros_between, lower, upper)
+    except TypeError as error:
+        raise InputError(f"`{name}` {given!r} is of no numbers; give numbers or arrays") from error
     options = {"lower": lower, "upper": upper, "in_one_step": True, "callback": callback}
     options |= {"keyed_objective": keyed_objective, "use_y0": use_y0}
     _require_inside(y0, options)
@@ -113,8 +120,8 @@ def minimise(
         if not isinstance(y0, list | tuple) or not _can_compute(fn, jnp.asarray(y0), args):
             raise
         raise InputError(
-            f"`fn` cannot compute with a {type(y0).__name__}, which `y0`, else `lower` {lower}, "
-            f"is ({reason_of(error)}); give arrays, such as jnp.array({lower})"
+            f"`fn` fails on a {type(y0).__name__}, as `{name}` {given} is ({reason_of(error)}); "
+            f"give an array, such as jnp.array({given})"
         ) from error
     is_lost = solution.result == optx.RESULTS.nonfinite
     if throw and isinstance(is_lost, Tracer):
@@ -179,6 +186,7 @@ def _solve(fn, optimizer, y0, args, options, keys, restarts, has_aux) -> optx.So
 
 
 def _zeros_between(low: Any, high: Any) -> Array:
+    require_order(low, high)
     shape = np.broadcast_shapes(np.shape(low), np.shape(high))
     return jnp.zeros(shape, jnp.result_type(float, low, high))
 

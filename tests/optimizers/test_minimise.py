@@ -230,7 +230,7 @@ def test_losses_of_another_number_than_positions_are_refused():
     with pytest.raises(InputError, match=r"`losses` has the shape \(3,\); .* the 8 positions"):
         search.tell(state, positions, np.zeros(3))
     assert search.tell(state, positions, [1.0] * 8).best_loss == 1.0
-    with pytest.raises(InputError, match="`population` 30.5 is not a whole number"):
+    with pytest.raises(InputError, match=r"`population` 30\.5 is not a whole number"):
         make_optimizer("pso", population=30.5, iterations=3)
 
 

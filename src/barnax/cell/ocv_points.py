@@ -352,8 +352,8 @@ def _branch(file: str, lines: Lines, name: str, scale: float) -> tuple[OcvPoint,
 
 
 def read_ocv_test(source: str | Path | Source, **how: Any) -> Record | OcvTable:
-    """The OCV test in a file: a table of OCV over SOC, else a record, read by `read_record` as it
-    is told."""
+    """The OCV test in a file: a table of OCV over SOC, else a record, read by `read_record`
+    with the arguments `how`."""
     if not isinstance(source, Source):
         source = read_source(source)
     is_table = source.table.header.is_ocv_table

@@ -74,7 +74,7 @@ class Sweep:
 
     @property
     def stops_at_cutoff(self) -> bool:
-        """True where it ran until full or empty, as far as its points tell.
+        """True if it ran until full or empty, judging by its points.
 
         A slow sweep does. Between rests a cut-off shortens the last pulse below all before it, or
         the last but one where a taper at constant voltage follows.
@@ -142,7 +142,7 @@ CLOSURE = 0.02
 CAPACITY_WARNING = 0.05
 CAPACITY_ERROR = 0.20
 HALF = 0.5
-# The origin of a capacity that was told.
+# The origin of a capacity that the user gave.
 GIVEN = "given"
 
 

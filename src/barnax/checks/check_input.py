@@ -82,12 +82,12 @@ class CheckInput:
 
     @cached_property
     def resolution_v(self) -> float:
-        """The smallest step of the voltage's readings; zero where too few differ to tell."""
+        """The resolution of the voltage readings, in V; zero if too few of them differ."""
         return _resolution(self.record.voltage_v)
 
     @cached_property
     def resolution_a(self) -> float:
-        """The smallest step of the current's readings; zero where too few differ to tell."""
+        """The resolution of the current readings, in A; zero if too few of them differ."""
         return _resolution(self.record.current_a)
 
     @cached_property
@@ -149,15 +149,15 @@ _MOST = 0.8
 
 @dataclass(frozen=True)
 class Traits:
-    """Numbers of a record that tell what it can serve as, and `facts` to be shown beside them, with
-    units in the keys.
+    """Numbers that determine the roles a record can serve in, and `facts` to be shown with them,
+    with units in the keys.
 
     `steps` are those of the current that are sampled finely enough; they reach over `reach_ah` of
     charge. `half_width_at_steps` and `half_width_between` are predicted half-widths of the 95 %
     interval of R0, as shares of it, at the steps and at half of the charge between them; infinite
-    where they tell none. `steep_v` is the travel of the voltage where the cell stands at a steep
-    end throughout, else zero. `temperature_degc` is the column's median, else the one in the name,
-    else None.
+    where R0 is not identifiable. `steep_v` is the travel of the voltage where the cell stands at a
+    steep end throughout, else zero. `temperature_degc` is the column's median, else the one in
+    the name, else None.
     """
 
     facts: Json = field(default_factory=dict)
@@ -201,7 +201,7 @@ class Traits:
 
     def half_width(self, is_validated: bool) -> float:
         """The predicted half-width of the interval of R0 that decides whether a record serves: what
-        is validated on need not tell it between the steps."""
+        is validated on need not determine it between the steps."""
         return self.half_width_at_steps if is_validated else self.half_width_between
 
     def missing_for(self, capacity_ah: float | None, is_validated: bool = False) -> str:
@@ -227,7 +227,7 @@ class Traits:
         return ""
 
     def steps_lack(self, capacity_ah: float | None, is_validated: bool) -> str:
-        """What the current steps by themselves lack to tell the resistances, if anything."""
+        """What the current steps lack to identify the resistances on their own, if anything."""
         half_width = self.half_width(is_validated)
         steps = counted(self.steps, "current step")
         if half_width > MAX_HALF_WIDTH:
@@ -249,7 +249,7 @@ NO_TRAITS = Traits()
 
 
 def traits_of(given: CheckInput) -> Traits:
-    """The numbers that tell the kind of a record."""
+    """The numbers that determine the kind of a record."""
     record = given.record
     fine = np.flatnonzero(given.samples.is_step & (record.interval_s <= FINE_S))
     discharged_ah = record.discharged_ah

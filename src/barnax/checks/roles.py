@@ -29,8 +29,8 @@ _ALIKE = 1.5
 class SuggestedWindow:
     """A window that cuts a whole test to its profile, and why.
 
-    `needs_initial_soc` says that the record does not tell the state of charge at the start, so
-    that the user must; `is_settled` that the cell has rested when the profile begins.
+    `needs_initial_soc` is True if the record does not determine the initial state of charge, so
+    that the user must give it; `is_settled` if the cell has rested when the profile begins.
     """
 
     reason: str
@@ -92,7 +92,7 @@ def suggest_window(given: CheckInput) -> SuggestedWindow:
     interval_s = record.interval_s
     loaded_s = float(np.median(interval_s[~given.segments.is_rested[1:]]))
     if np.quantile(interval_s, _WHOLE) <= _ALIKE * loaded_s:
-        # What comes before the profile is simulated anyhow, and tells as much.
+        # What comes before the profile is simulated anyway, and is just as informative.
         return replace(whole, reason=f"{reason}; its sampling is uniform")
     window = replace(whole.window, score_steps=profile_steps)
     return replace(whole, reason=reason, window=window, is_settled=is_settled)
@@ -114,7 +114,7 @@ def _after_charge(given: CheckInput) -> SuggestedWindow | None:
 
 
 def _from_the_beginning(given: CheckInput) -> SuggestedWindow:
-    """The window of the whole record, by how it tells its state of charge."""
+    """The window of the whole record, by how its initial state of charge can be determined."""
     record, loaded = given.record, given.segments.loaded
     at = int(loaded[0]) - 1 if len(loaded) else record.samples - 1
     if at < 0:
@@ -156,7 +156,8 @@ def are_unfit(names: Collection[str], warnings: Iterable[Notice], by_steps: bool
     """True if the records, of which there are some, are identified on without any being suitable,
     by what warns of them; `by_steps` if the current steps of each tell R0 too loosely.
 
-    These tell no OCV from slow resistances, and so speak against no OCV test.
+    Such records cannot separate the OCV from slow resistances, and so are no evidence against an
+    OCV test.
     """
     unfit = {
         warning.subject

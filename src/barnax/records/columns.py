@@ -39,7 +39,7 @@ _IMPEDANCE = re.compile(r"[-|]?(re|im|z ?(re|im|real|imag|mod)?)(\b|$)|impedance
 _SELF_EXPLAINING = re.compile("seconds|m?amps|volts|m?amp-hr|chgah|disah|ma|mv")
 # Comparing spellings is slow, and no tester writes so many columns.
 _COMPARED_NAMES = 1000
-# The quantities that tell the time, and the current.
+# The quantities that give the time, and the current.
 _CLOCKS, _CURRENTS = {"time", "step time", "date"}, {"current", "charge of the interval"}
 # What the voltages of cells are called in short.
 _CELLS = {"v", "u", "vc", "uc", "uz", "cv"}

@@ -209,7 +209,7 @@ def gain_ah(counter_ah: Charge) -> float:
 
 def decimal_step(values: Charge) -> float:
     """The coarsest power of ten of which all values are multiples, to single precision."""
-    # An even share of more values tells the same.
+    # An evenly spaced subset of more values gives the same.
     values = values[:: 1 + len(values) // _ENOUGH]
     for digits in range(9):
         scaled = np.abs(values) * 10.0**digits

@@ -156,7 +156,7 @@ class Record(Brief):
 
     @cached_property
     def resistance_ohm(self) -> float:
-        """The resistance at the current's steps; zero where they do not tell it."""
+        """The resistance at the current steps; zero if they do not determine it."""
         step_a, step_v = np.diff(self.current_a), np.diff(self.voltage_v)
         is_step = np.abs(step_a) > STEP_SHARE * np.abs(self.current_a).max()
         return step_resistance_ohm(step_a[is_step], step_v[is_step])
@@ -345,7 +345,7 @@ def run_sums(values: np.ndarray, first: Indices, last: Indices) -> np.ndarray:
 
 
 def degc_in_name(name: str) -> float | None:
-    """The temperature in degC that a file's name tells, None without such.
+    """The temperature in degC given in a file's name, None if there is none.
 
     >>> [degc_in_name(name) for name in ("dst_25degC.csv", "ocv-5degC", "us06_minus10degC.csv")]
     [25.0, 5.0, -10.0]

@@ -136,7 +136,7 @@ class Samples(Lines):
 
     @cached_property
     def resistance_ohm(self) -> float:
-        """The resistance at the current's steps; zero where they do not tell it."""
+        """The resistance at the current steps; zero if they do not determine it."""
         return step_resistance_ohm(self.step_a[self.steps], self.answer_v[self.steps])
 
     @cached_property
@@ -162,7 +162,7 @@ class Samples(Lines):
     @cached_property
     def span_ah(self) -> float:
         """The charge between the fullest and emptiest moments, by counters that count it too."""
-        # Where there are many intervals, sums of several in a row tell the same.
+        # With many intervals, sums of several in a row give the same.
         starts = np.arange(0, len(self.ended_ah), 1 + len(self.ended_ah) // _ENOUGH)
         integrated_ah = float(np.ptp(np.cumsum(np.add.reduceat(self.ended_ah, starts))))
         counted_ah = self.counters.charge_ah(self.ended_ah, self.is_loaded)
@@ -176,8 +176,8 @@ class Samples(Lines):
 
     @cached_property
     def answered_ohm(self) -> float:
-        """The resistance at the steps that the voltage answers, be it one; zero where they do not
-        tell it. Its sign is that of the voltage's answer."""
+        """The resistance at the steps that the voltage answers, even if there is only one; zero if
+        they do not determine it. Its sign is that of the voltage's answer."""
         steps = self.steps[self.answer_v[self.steps] != 0]
         step_a, step_v = self.step_a[steps], self.answer_v[steps]
         if len(steps) < 3:
@@ -191,11 +191,11 @@ class Samples(Lines):
     def bulk_time(self) -> tuple[float, float]:
         """R dQ/dV over the record, in s, and the travel of its voltage without R I, in V.
 
-        The time is zero where the current's steps do not tell R.
+        The time is zero if the current steps do not determine R.
         """
         voltage_v = few(self.voltage_v)
         source_v = voltage_v - self.answered_ohm * few(self.current_a)
-        # Where nothing is connected, nothing is told of a cell.
+        # Samples without a cell connected carry no information about it.
         source_v = source_v[np.abs(voltage_v) > _CONNECTED_V]
         if not len(source_v):
             return 0.0, 0.0

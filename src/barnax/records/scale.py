@@ -23,7 +23,7 @@ from .witnesses import CERTAIN, CHARGE, LEAST_A, UnitReading, Witness, witnesses
 
 Channel = Float[np.ndarray, "samples"]
 
-# The weight from which a reading is told as a doubt.
+# The weight from which a reading is reported as doubtful.
 _DOUBTFUL = 1.0
 
 
@@ -152,7 +152,7 @@ def _settled(samples: Samples, best: list[UnitReading]) -> Samples:
             choices.append(f"`columns='{one.option(samples)}'`{apart if is_time else ''}")
         values["choices"] = " or ".join(choices)
         return samples.telling(at, "unit.reading", **values, case="asked" if is_free else "open")
-    # Where nothing but the counters is in another unit, the current tells which.
+    # If only the counters are in another unit, the current determines which.
     if reading.weight < CERTAIN and kind != CHARGE:
         return samples.telling(at, "unit.reading", **values, case="doubtful")
     mended = samples.having(**{n: samples.values[n] * reading.factor for n in reading.names})

@@ -29,7 +29,7 @@ _BLANK = " "  # Cells in columns, as printed for the eye.
 _LONGEST_HEADER = 20_000
 # What Polars guesses the types of columns from.
 _GUESSED_LINES = 1000
-# So many lines tell whether numbers are cut in two.
+# The number of lines that show whether numbers are cut in two.
 _SPLIT_LINES = 200
 _WORD = "[A-Za-z]{3}"
 

@@ -33,7 +33,7 @@ Flags = Bool[np.ndarray, "samples"]
 
 
 def examine_clock(samples: Samples) -> Samples:
-    """The samples with a clock that never falls, told what was wrong with it.
+    """The samples with a clock that never falls, and notices of what was wrong with it.
 
     Stamps out of line are dropped, rows out of order are sorted, and a clock that starts again is
     made to run on.
@@ -175,7 +175,7 @@ def _set_forward(samples: Samples) -> Samples:
 
 
 def _noting_change(samples: Samples, at: int, change: str, is_taken: bool) -> Samples:
-    """The samples, told that the clock was set after one of them."""
+    """The samples, with a notice that the clock was set after one of them."""
     given = {"change": change, "taken": "true" if is_taken else None}
     given |= {"before_s": samples.time_s[at], "after_s": samples.time_s[at + 1]}
     return samples.telling(at + 1, "clock.set", **given, column=samples.header("time"))
@@ -309,7 +309,7 @@ _APART_S, _APART_SHARE = 5e-4, 0.1
 
 
 def examine_repeats(samples: Samples) -> Samples:
-    """The samples on a clock that strictly rises, told which of them were logged twice.
+    """The samples on a strictly rising clock, with notices of those logged twice.
 
     Both sides of a change of step that share a time stamp are put a little apart. Of two others of
     one stamp the first is kept. Where there are more of different values than the two sides of a

@@ -181,7 +181,7 @@ STILL_V = 2e-4
 
 
 def examine_voltage_unit(samples: Samples) -> Samples:
-    """The samples with a voltage in volts of one cell, told what was wrong with it."""
+    """The samples with the voltage of one cell in volts, and notices of what was wrong."""
     middle_v = samples.middle_v
 
     def mended(code: str, factor: float, **values: Any) -> Samples:
@@ -262,7 +262,7 @@ def examine_series(samples: Samples, series: int) -> Samples:
 
 
 def examine_voltage_range(samples: Samples) -> Samples:
-    """The samples whose voltage one cell can have, told what the others are."""
+    """The samples whose voltage is possible for one cell, with notices of the others."""
     name, (low_v, high_v) = samples.header("voltage"), CELL_RANGE_V
     voltage_v = samples.voltage_v
     outside = (voltage_v < low_v) | (voltage_v > high_v)

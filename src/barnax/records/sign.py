@@ -122,7 +122,7 @@ def examine_direction(samples: Samples) -> Samples:
         return samples
     name = samples.header("current")
     if state is not None and np.any((current_a != 0) & ((state == 1) | (state == -1))):
-        # Within any other state, the state before tells.
+        # Within any other state, the previous state determines the direction.
         last = np.maximum.accumulate(np.where(np.abs(state) == 1, np.arange(len(state)), -1))
         direction = np.where(last >= 0, -state[last], 1)
         note = Notice("sign.by-state", {"column": name, "state": samples.header("state")})

@@ -81,7 +81,7 @@ def read_source(
     series: int = 1,
     content: bytes | None = None,
 ) -> Source:
-    """The table in a file, told by its content; "-" is the standard input.
+    """The table in a file, whose format is detected from its content; "-" is the standard input.
 
     `columns` are names of columns where barnax does not know them, and `series` how many cells are
     in series, as `read_record` takes them. `content` is the file's where it was fetched already.

@@ -185,7 +185,7 @@ class Reader:
     """One file format: how its content is recognized, and how a table is taken from it.
 
     `read` takes the file's bytes and the user's own names of columns by quantity. It raises
-    InputError when the content is damaged, which is told with the file's name before it.
+    InputError when the content is damaged, which is reported after the file's name.
     """
 
     name: str
@@ -333,7 +333,7 @@ def examine_cells(lines: Lines) -> Lines:
             "limit": LARGEST_NUMBER if np.abs(value) > LARGEST_NUMBER else None,
             "cells": bad.sum(),
         }
-        # A clock of dates or of steps may have to tell the time.
+        # A clock of dates or of steps may have to give the time.
         if name not in NEEDED:
             is_coded = name == "state" and not isinstance(cell, str)
             is_number = np.abs(value) <= LARGEST_NUMBER

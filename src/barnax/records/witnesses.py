@@ -86,7 +86,7 @@ _LOADED_A, _SWING_AH = 500.0, 1500.0
 # Far below what any tester resolves; squares of much less are lost.
 LEAST_A = 1e-12
 # No cell has less than a tenth of a milliohm; those that come near carry hundreds of amperes. Coin
-# cells come near to the largest, which alone tells nothing.
+# cells come near to the largest, which alone proves nothing.
 _LEAST_OHM, _HEAVY_A, _MAX_OHM, _HALF = 1e-4, 50.0, 20.0, 0.5
 _RATIO = 0.15
 
@@ -106,7 +106,7 @@ def _of_time(samples: Samples) -> Iterator[Witness]:
     interval_s, length_s = samples.apart_s, samples.length_s
     yield Witness(length_s, once, lambda s: s <= _LONGEST_S, f"it lasts {length_s:.3g} s")
     if interval_s > 0:
-        # Beside a unit that the name states, a slow sampling tells little.
+        # Against a unit stated in the name, slow sampling is weak evidence.
         is_odd = FINEST_S < interval_s < _FAST_S and not is_usual(interval_s)
         is_sure = samples.columns["time"].is_unit_assumed or is_odd
         weight = 1.0 if is_sure else _HALF

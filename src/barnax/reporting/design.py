@@ -45,7 +45,7 @@ def planned_screen(prior: "Prior", chosen: Sequence[str] = ()) -> Page:
 
 def design_screen(design: "Design") -> Page:
     """The test's hours and predicted intervals, its pieces, and the steps to take before it; or
-    that none is needed, as the earlier records tell what is wanted."""
+    that none is needed, as the earlier records already identify what is wanted."""
     facts = _facts(design)
     lines = Entries(sentences("design.screen", design, facts))
     if not design.is_needed:

@@ -57,7 +57,7 @@ def next_step(result: "Result") -> Next:
     - over `LOST` times the error on what was fitted, and over `LOST_V`: more data;
     - known of no other record: validate on one;
     - larger than that of constants on every record validated on: those;
-    - over `SMALL_V`, and a resistance is left open at most nodes: a test that tells it;
+    - over `SMALL_V`, and a resistance is left open at most nodes: a test that identifies it;
     - else the circuit serves: export it to a format that holds its hysteresis.
 
     For a constant circuit there is more to try in place of the last two.

@@ -121,7 +121,7 @@ def _causes(life: "Life") -> list[tuple[str, int]]:
 
 
 def _last(life: "Life", quantity: str, cell: str) -> tuple[float, float] | None:
-    """The trend at the last record that tells it, and half its interval, as they are shown."""
+    """The trend at the last record that determines it, and half its interval, as displayed."""
     (trend,) = life.of(quantity, cell)
     if not trend.estimates:
         return None

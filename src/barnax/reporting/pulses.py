@@ -58,8 +58,8 @@ def pulse_facts(result: "Result") -> tuple[Any, ...]:
 
 
 def middle_facts(result: "Result") -> tuple[Any, ...] | None:
-    """The resistances in the middle of SOC of each direction, rate and temperature; None where no
-    pulses tell any."""
+    """The resistances in the middle of SOC of each direction, rate and temperature; None if no
+    pulses give any."""
     times = _times(result.pulses)
     rows = [(level.label, [*map(level.middle_ohm, times)]) for level in _levels(result)]
     # Such as of a drive cycle's last pulses.

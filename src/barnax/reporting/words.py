@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 NOTHING = "–"
 NOT_DETERMINED = "not determined"
-# No more digits tell the ends of an interval from the value in it.
+# The fewest and most digits used to distinguish the ends of an interval from the value in it.
 FEWEST_DIGITS, MOST_DIGITS = 3, 5
 # Errors within this share of each other are called the same, and circuits nearly as good.
 SAME = 0.01
@@ -307,7 +307,7 @@ def times(log_step: float) -> str:
 
 
 def between(name: str, low: float, high: float, value: float | None = None) -> str:
-    """An interval of a parameter, its ends with digits enough to be told from the value in it.
+    """An interval of a parameter, with enough digits to distinguish its ends from the value.
 
     >>> between("R1 [Ohm]", 0.0136, 0.0687), between("tau1 [s]", 4000, 40000)
     ('13.6 to 68.7 mOhm', '4000 s to 11.1 h')
@@ -361,7 +361,7 @@ def without_unit(text: str, value: str) -> str:
 
 
 def _digits_apart(name: str, end: float, value: float | None) -> int:
-    """The digits that tell an end from the value; the fewest where none do."""
+    """The digits that distinguish an end from the value; the fewest if none do."""
     for digits in range(FEWEST_DIGITS, MOST_DIGITS + 1):
         if value is None or shown(name, end, digits) != shown(name, value, digits):
             return digits

@@ -1,4 +1,4 @@
-"""The registry of file formats, told apart by a file's content and never by its suffix.
+"""The registry of file formats, identified by a file's content and never by its suffix.
 
 A new format is one module with a `Reader` and one line here. Order matters: the delimited text
 comes last because almost anything without a signature could be text.

@@ -81,7 +81,7 @@ def _stated_length(content: bytes) -> int:
     """The length of an .nda file by its own head: the end of the last of its parts.
 
     The head holds begins and lengths of the parts, of 64 bits each from version 129 on, and of 32
-    before, where each part begins as the one before it ends. Zero where it does not tell.
+    before, where each part begins as the one before it ends. Zero if it does not state one.
     """
     is_new = content[14:15] >= b"\x81"
     kind, first, last = ("<u8", 82, 226) if is_new else ("<u4", 16, 72)

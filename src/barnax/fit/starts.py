@@ -19,9 +19,9 @@ from ..model.start import find_start, require_whole_log
 from ..model.window import (
     OCV_MARGIN,
     Window,
-    first_sample,
     scored_samples,
     soc_from_rest,
+    start_of,
     temperature_of,
 )
 from ..notices import Notice
@@ -42,8 +42,7 @@ NEVER_EMPTY_V = 3.4
 def require_on_axis(record: Record, window: Window, capacity_ah: float):
     """Raise `InputError` if a record in its window of `axis_of` leaves the SOC axis."""
     initial_soc = window.initial_soc or 0.0
-    rest_a = window.rest_current_a or record.rest_current_a(capacity_ah)
-    first = first_sample(record, window, rest_a)
+    first, _ = start_of(record, window, capacity_ah)
     soc = soc_along(record, capacity_ah, first, initial_soc)
     soc = soc[scored_samples(record, window, first, soc)]
     low, high = float(soc.min()), float(soc.max())
@@ -61,8 +60,7 @@ def axis_of(record: Record, window: Window, capacity_ah: float) -> Window:
     fullest sample taken as full."""
     if window.initial_soc is not None:
         return replace(window, soc_source=None, capacity_ah=capacity_ah)
-    rest_a = window.rest_current_a or record.rest_current_a(capacity_ah)
-    first = first_sample(record, window, rest_a)
+    first, rest_a = start_of(record, window, capacity_ah)
     full = record.segments(rest_a).full_charges(capacity_ah)
     fullest = int(np.argmin(record.discharged_ah))
     at = min(full, key=lambda sample: abs(sample - first)) if full else fullest
@@ -214,8 +212,8 @@ class RecordsWithoutOcvTest:
         """The window of a record with the start derived from a rest on the cell's OCV, the same
         with the other direction if that is open, and the evidence against the start."""
         window = replace(self.windows[record.name], capacity_ah=self.capacity_ah)
-        rest_a = window.rest_current_a or record.rest_current_a(self.capacity_ah)
-        given = self.capacity_ah, first_sample(record, window, rest_a), rest_a
+        first, rest_a = start_of(record, window, self.capacity_ah)
+        given = self.capacity_ah, first, rest_a
         try:
             start, _, against = find_start(record, cell, window, *given)
         except InputError as unknown:
@@ -225,7 +223,7 @@ class RecordsWithoutOcvTest:
         if get_circuit(circuit).has_rate and start.direction_source == "assumed":
             opposite = -start.direction
             is_rested = start.soc_source == "rested voltage"
-            at_rest = record.segments(rest_a), cell, given[1], opposite
+            at_rest = record.segments(rest_a), cell, first, opposite
             # The voltage may lie beyond the OCV of the other direction.
             if not is_rested or soc_from_rest(*at_rest) is not None:
                 window = replace(window, initial_direction=opposite)

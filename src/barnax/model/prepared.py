@@ -20,7 +20,7 @@ from ..records.record import STEP_SHARE, is_long
 from ..records.samples import STEADY_SHARE
 from ..settings import Registration, is_temperature
 from .start import Start, find_start
-from .window import Window, first_sample, scored_samples, temperature_of, within_ocv
+from .window import Window, scored_samples, start_of, temperature_of, within_ocv
 
 if TYPE_CHECKING:
     from .simulate import SimulationInput
@@ -337,8 +337,7 @@ def prepare_record(
     window = window or Window()
     cell = cell.at(temperature_of(record, window))
     capacity_ah = window.capacity_ah or cell.capacity_ah
-    rest_a = window.rest_current_a or record.rest_current_a(capacity_ah)
-    first = first_sample(record, window, rest_a)
+    first, rest_a = start_of(record, window, capacity_ah)
     start, capacity_ah, warnings = find_start(record, cell, window, capacity_ah, first, rest_a)
     soc = soc_along(record, capacity_ah, first, start.soc)
     scored = scored_samples(record, window, first, soc)

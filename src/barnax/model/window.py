@@ -95,6 +95,12 @@ def group_tests(
     return groups
 
 
+def start_of(record: Record, window: Window, capacity_ah: float) -> tuple[int, float]:
+    """The first simulated sample of a record, and the current below which its cell rests."""
+    rest_a = window.rest_current_a or record.rest_current_a(capacity_ah)
+    return first_sample(record, window, rest_a), rest_a
+
+
 def first_sample(record: Record, window: Window, rest_a: float) -> int:
     """Index of the sample where the simulation starts; currents below `rest_a` count as zero.
     Raises `InputError` if there is none."""

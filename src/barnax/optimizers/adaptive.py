@@ -234,11 +234,7 @@ class AdaptiveMating(AbstractPopulationMinimiser):
         return scale, rate
 
     def _inside(self, moved: Array, start: Array, box: Box) -> Array:
-        """Coordinates that left the box are put halfway between its end and the mother's."""
-        if not self.bounded:
-            return moved
-        moved = jnp.where(moved < box.lower, (box.lower + start) / 2, moved)
-        return jnp.where(moved > box.upper, (box.upper + start) / 2, moved)
+        return box.midway(moved, start) if self.bounded else moved
 
 
 def _chosen(chance: Float[Array, "_"], count: Int[Array, ""]) -> Int[Array, "_"]:

@@ -363,9 +363,7 @@ class ImprovedGreyWolf(AbstractPopulationMinimiser):
     def _inside(self, moved: Array, positions: Array, box: Box) -> Array:
         if not (self.bounded and self.midpoint_bounds):
             return box.clip(moved) if self.bounded else moved
-        passed = jnp.where(moved < box.lower, box.lower, box.upper)
-        is_out = (moved < box.lower) | (moved > box.upper)
-        return jnp.where(is_out, (positions + passed) / 2, moved)
+        return box.midway(moved, positions)
 
 
 def learn_from_neighbors(

@@ -22,6 +22,16 @@ class Box(eqx.Module):
     def clip(self, positions: Float[Array, "*candidates dims"]) -> Float[Array, "*candidates dims"]:
         return jnp.clip(positions, self.lower, self.upper)
 
+    def midway(
+        self,
+        moved: Float[Array, "candidates dims"],
+        start: Float[Array, "candidates dims"],
+    ) -> Float[Array, "candidates dims"]:
+        """The positions, with coordinates that left the box halfway from the start to its end."""
+        passed = jnp.where(moved < self.lower, self.lower, self.upper)
+        is_out = (moved < self.lower) | (moved > self.upper)
+        return jnp.where(is_out, (passed + start) / 2, moved)
+
     def scale(
         self, fractions: Float[Array, "*candidates dims"]
     ) -> Float[Array, "*candidates dims"]:

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..fit.cross_validation import HeldOut
+from ..fit.flat_ocv import DISTINCT_RATES
 
 
 @dataclass(frozen=True)
@@ -43,8 +44,8 @@ class Policy:
     floor_v: float = 1e-4
     least_span_soc: float = 0.3
     widest: float = 1.0
-    fastest_rate: float = 285.0
-    slowest_rate: float = 10.5
+    fastest_rate: float = 0.95 * DISTINCT_RATES[1]
+    slowest_rate: float = 1.05 * DISTINCT_RATES[0]
 
     def gain(self, simpler: HeldOut, richer: HeldOut) -> "Gain":
         """The reduction of the loss by a richer circuit."""

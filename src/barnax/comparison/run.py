@@ -92,6 +92,10 @@ def compare(
         validation: Records to validate on.
 
     Raises `InputError` if record, window or box do not fit.
+
+    >>> compare(None, None, ComparisonJob(rows=[("so-rc", "guess")]))
+    Traceback (most recent call last):
+    barnax.errors.InputError: `methods` 'guess' is not known; there are ls, rls, wrls, ...
     """
     budget = Budget(job.population, job.iterations, job.seeds, job.key)
     objective = "scan" if job.objective == "auto" else job.objective

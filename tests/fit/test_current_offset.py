@@ -8,7 +8,7 @@ import pytest
 
 from barnax.execution import in_float64
 from barnax.fit import current_offset
-from barnax.fit.current_offset import OPEN_PER_H, CurrentOffset, shared_offset
+from barnax.fit.current_offset import OPEN_PER_H, shared_offset
 from helpers.dense import (
     BOX,
     CAPACITY_AH,
@@ -92,7 +92,7 @@ def test_an_offset_is_reported_by_its_size_its_error_and_what_it_leaves(
     monkeypatch.setattr(current_offset, "_without_offset", without_offset)
     monkeypatch.setattr(current_offset, "estimate", lambda *_: [estimated])
     offset_found = shared_offset(objective, best, np.full((2, 2), 3e-3), without_v)
-    expected = CurrentOffset(offset * capacity_ah, error * capacity_ah)
+    expected = offset * capacity_ah, error * capacity_ah
     assert offset_found == (expected if is_told else None)
     # Once, with time constants free.
     assert polished == [BOX] or (not polished and error > OPEN_PER_H)

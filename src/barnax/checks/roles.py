@@ -153,8 +153,8 @@ def _duration(seconds: float) -> str:
 
 
 def are_unfit(names: Collection[str], warnings: Iterable[Notice], by_steps: bool = False) -> bool:
-    """True if the records, of which there are some, are identified on without any being suitable,
-    by what warns of them; `by_steps` if the current steps of each tell R0 too loosely.
+    """True if there are records and the warnings say that none of them is suitable for
+    identification; with `by_steps`, because the current steps of each leave R0 too uncertain.
 
     Such records cannot separate the OCV from slow resistances, and so are no evidence against an
     OCV test.

@@ -43,14 +43,6 @@ STEP_SOC, ROUNDS, SETTLED = 0.02, 6, 0.05
 
 
 @dataclass(frozen=True)
-class CurrentOffset:
-    """An offset in A, discharge positive, with its standard error, as in `Registration`."""
-
-    offset_a: float
-    offset_error_a: float
-
-
-@dataclass(frozen=True)
 class OffsetEffect:
     """The relative change of R0, and of the sum of all resistances, caused by an undetected offset
     of the current: medians of their magnitudes over the visited nodes."""
@@ -86,9 +78,10 @@ def shared_offset(
     best: Solution,
     prior: Float[np.ndarray, "records two"],
     registered_v: float,
-) -> CurrentOffset | None:
-    """The offset of the current shared by the records; None if they do not determine one, or if the
-    current of one of them reads zero at rest.
+) -> tuple[float, float] | None:
+    """The offset of the current shared by the records, in A with discharge positive, and its
+    standard error; None if they do not determine one, or if the current of one of them reads zero
+    at rest.
 
     Args:
         objective: The objective of the records as given.
@@ -138,7 +131,7 @@ def shared_offset(
             break
     least_a = max(LEAST_ERRORS * error_a, LEAST_PER_H * capacity_ah)
     is_shown = abs(offset_a) > least_a and leaves < LEAVES
-    return CurrentOffset(offset_a, error_a) if is_shown else None
+    return (offset_a, error_a) if is_shown else None
 
 
 def reads_zero_at_rest(prepared: PreparedRecord) -> bool:

@@ -122,8 +122,8 @@ def register(
         apart = (to_axis @ estimated.values).reshape(shifts.shape) - shifts
         errors = np.minimum(np.hypot(errors, apart), np.maximum(errors, prior))
     moves = np.hstack([shifts, errors])
-    offset = shared_offset(*at_first, prior, best.rms_v)
-    shared = {} if offset is None else asdict(offset)
+    offset = shared_offset(*at_first, prior, best.rms_v) or ()
+    shared = dict(zip(("offset_a", "offset_error_a"), offset, strict=False))
     whole = _all_moved(prepared_records, prepared_records, moves, dependence, **shared)
     return whole or list(prepared_records)
 

@@ -86,8 +86,8 @@ def life_frame(life: "Life") -> pl.DataFrame:
 
 
 def _quantities(life: "Life") -> list[dict[str, Any]]:
-    """What the records tell of each quantity: of how many cells and in how many rows, and the
-    median change from first to last in percent, of the OCV its shift at the end in mV."""
+    """For each quantity the number of cells and rows that determine it, and the median change from
+    first to last in percent; for the OCV, its shift at the end in mV."""
     quantities = []
     for quantity in QUANTITIES:
         trends, is_shift = life.of(quantity), quantity == SHIFT

@@ -168,8 +168,8 @@ def _title(fact: Fact) -> str:
 
 
 def compare(first: Fact, other: Fact) -> str:
-    """What intervals tell of a difference: "beyond" where they do not overlap, "too wide to tell"
-    where one could hide a doubling, else "within"."""
+    """How two intervals compare: "beyond" where they do not overlap, "too wide to tell" where one
+    spans more than a factor of two, else "within"."""
     both = [
         (-math.inf if fact.low is None else fact.low, math.inf if fact.high is None else fact.high)
         for fact in (first, other)
@@ -188,10 +188,11 @@ class SideBySide:
     """Results side by side; a console and a notebook show it as tables.
 
     Attributes:
-        document: The tables and what they come to.
-        differing: For each result after the first, what differs from that beyond both intervals.
-        too_wide: Likewise, of what the intervals are too wide to tell: one of them spans more than
-            a factor of two.
+        document: The tables with their summary.
+        differing: For each result after the first, the parameters whose intervals do not overlap
+            those of the first.
+        too_wide: Likewise, the parameters of which one interval spans more than a factor of two, so
+            that no difference can be seen.
     """
 
     document: Page
@@ -211,10 +212,10 @@ def show(*results: Result | str | Path, names: tuple[str, ...] = ()) -> SideBySi
     """Two or more results side by side, and what differs beyond their intervals.
 
     Two cells, two ages or two temperatures of one cell: every parameter with its 95 % interval, and
-    the change from the first result. Intervals that do not overlap tell a difference; that they do
-    overlap tells none, which is careful, and nothing at all where one of them spans more than a
-    factor of two. Tables are compared at some states of charge, and by their means over the SOC
-    that all results visit; beside a constant circuit, that of the other result is compared.
+    the change from the first result. Only intervals that do not overlap count as a difference, and
+    an interval that spans more than a factor of two decides nothing. Tables are compared at several
+    states of charge, and by their means over the SOC that all results visit. If one result has a
+    constant circuit only, the constants of all are compared.
 
     Args:
         results: Results, their folders or their files.

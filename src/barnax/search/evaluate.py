@@ -247,8 +247,8 @@ def validate(
 def open_starts(
     prepared_records: Sequence[PreparedRecord],
 ) -> tuple[Float[np.ndarray, "scored starts"], Float[np.ndarray, "starts"]]:
-    """What a standard error of every start that voltages tell makes of the errors, and how far the
-    start is from what they tell, in standard errors."""
+    """Columns that move the errors by one standard error of each start estimated from voltages, and
+    each start's distance from its estimate, in standard errors."""
     # Half the digits are enough of an error of an error.
     by_start_v = [
         -float(prepared.start.soc_sd)

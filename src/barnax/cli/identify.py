@@ -135,9 +135,7 @@ def _run(
     are_chosen = all(part.reason for part in plan.parts) and not plan.missing
     if are_chosen:
         run.show_document(reporting.wording.document("planned", plan=plan))
-    job = barnax.Job(plan, watch=run.watch) if records else job
-    is_pulsed = command == "hppc" and not records
-    result = barnax.hppc(job) if is_pulsed else barnax.identify(job)
+    result = barnax.identify(barnax.Job(plan, watch=run.watch))
     texts = {"result.json": result.to_json()}
     # A name that no plan can hold costs the plan.
     toml = attempt(barnax.plan_to_toml, barnax.plan.with_whole_paths(plan, result.inputs))

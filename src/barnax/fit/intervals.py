@@ -363,7 +363,8 @@ def jacobian_blocks(
             if not len(scored):
                 continue
             counted = scored[::every]
-            sampled = replace(by_values, reduced=Reduced(layout, 1, block.rows(layout, counted)))
+            rows = block.rows(block.local_columns[counted], np.arange(layout.width))
+            sampled = replace(by_values, reduced=Reduced(layout, 1, rows))
             columns, base = sampled.columns(best.log_scales)
             slopes = [
                 (axis.columns_at(scale + STEP) - axis.columns_at(scale - STEP))

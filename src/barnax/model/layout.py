@@ -1,5 +1,6 @@
 """The columns of the reduced factor of records, and their order."""
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,6 +14,8 @@ from .search_space import Range
 
 # Bound on the error of a pair's response, relative to the largest current.
 TOLERANCE = 1e-12
+# A pair has settled when its response is below this share of the largest current's.
+SETTLED = 1e-16
 
 
 def spans_between(ends: Iterable[Range]) -> tuple[Span, Span | None]:
@@ -75,30 +78,33 @@ class Layout:
         }
 
 
-def by_first_visit(
+def by_last_change(
     prepared_records: Sequence[PreparedRecord], layout: Layout
 ) -> Int[np.ndarray, "columns"]:
-    """The columns in the order in which samples first come near their nodes, then those of all
-    nodes. The nodes near a sample are at the end of those seen so far, so that it changes little of
-    a triangle."""
+    """The columns in the order in which samples last change them, then those that every sample
+    changes. A sample changes the columns of the nodes next to it, and those of the pairs that have
+    not settled since the record was near their node; in this order it changes little of a triangle.
+    """
     if len(layout.nodes) == 1 and not layout.has_correction:
         return np.arange(layout.width)
-    first = np.full(layout.width, np.inf)
-    for name, indices in layout.columns.items():
-        nodes = np.array(layout.ocv_nodes if name == "correction" else layout.nodes)
-        if indices.shape[1] != len(nodes) or name == "base":
-            continue
-        seen, before = np.full(len(nodes), np.inf), 0
-        for prepared in prepared_records:
+    last_s, begin_s = np.full(layout.width, -np.inf), 0.0
+    for prepared in prepared_records:
+        time_s = begin_s + prepared.time_s - prepared.time_s[0]
+        begin_s = float(time_s[-1])
+        for name, indices in layout.columns.items():
+            nodes = np.array(layout.ocv_nodes if name == "correction" else layout.nodes)
+            if indices.shape[1] != len(nodes) or name == "base":
+                continue
             between = np.clip(np.searchsorted(nodes, prepared.soc, "right") - 1, 0, len(nodes) - 1)
-            left, at = np.unique(between, return_index=True)
+            left, reversed_at = np.unique(between[::-1], return_index=True)
+            near_s = np.full(len(nodes), -np.inf)
             for node in (left, np.minimum(left + 1, len(nodes) - 1)):
-                np.minimum.at(seen, node, at + before)
-            before += len(prepared.soc)
-        first[indices] = seen
-    # Columns that no sample comes near stay empty; those that every sample changes come last.
+                np.maximum.at(near_s, node, time_s[::-1][reversed_at])
+            settling_s = -math.log(SETTLED) * layout.in_tau.skeleton_tau if name == "pairs" else [0]
+            until_s = np.minimum(np.add.outer(settling_s, near_s), begin_s)
+            last_s[indices] = np.maximum(last_s[indices], until_s)
     everywhere = [layout.columns["base"].ravel()]
     if not layout.has_amplitude:
         everywhere.insert(0, layout.columns["hysteresis_response"].ravel())
-    order = np.argsort(first, kind="stable")
+    order = np.argsort(last_s, kind="stable")
     return np.concatenate([order[~np.isin(order, np.concatenate(everywhere))], *everywhere])

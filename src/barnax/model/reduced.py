@@ -20,7 +20,7 @@ from ..cell.parameters import ANYWHERE
 from ..cell.tables import hats
 from ..execution import as_input, compile_for, in_float64, threads
 from .exponentials import Span
-from .layout import Layout, by_first_visit
+from .layout import SETTLED, Layout, by_last_change
 from .prepared import BLOCK, PreparedRecord
 from .triangles import NEGLIGIBLE_V, append_rows, join_triangles, shorten, update_triangular
 
@@ -35,6 +35,8 @@ CHAINS = 2
 TAU_STEP = 8
 # Nodes whose responses are computed at once.
 CHANNELS = 4
+# From so many times as many rows as columns, a block is reduced by itself first.
+MANY = 2
 
 Columns = Float[np.ndarray, "rows columns"]
 
@@ -103,7 +105,7 @@ def reduce_records(
     for samples that are not scored. The columns of one block of samples are in memory at a time.
     For a single record, `voltage_offsets_v` are the voltages minus the record's.
     """
-    order = by_first_visit(prepared_records, layout)
+    order = by_last_change(prepared_records, layout)
     chains: dict[tuple[int, int], Future] = {}
     scored = np.zeros(count, int)
     with threads(CHAINS) as pool:
@@ -117,72 +119,50 @@ def reduce_records(
                     chain = group, turn % CHAINS if count == 1 else 0
                     # Waiting here keeps no more blocks in memory than there are chains.
                     done = chains.get(chain)
-                    before = done.result() if done else _Triangle.empty(layout, order)
+                    before = done.result() if done else _Triangle.empty(order)
                     chains[chain] = pool.submit(before.joined_by, block, is_member)
         reduced_groups = []
         for group, number in enumerate(scored.tolist()):
             # Each is released once it is put in order: it is as large as the result.
             done = [chains.pop(chain) for chain in sorted(chains) if chain[0] == group]
             parts = [done.pop(0).result().reduced(layout, number) for _ in range(len(done))]
-            parts = parts or [_Triangle.empty(layout, order).reduced(layout, number)]
+            parts = parts or [_Triangle.empty(order).reduced(layout, number)]
             reduced_groups.append(replace(_joined(parts), scored=number))
         return reduced_groups
 
 
 @dataclass(eq=False)
 class _Triangle:
-    """The triangular factor of the samples of one chain so far, with the order of its columns. The
-    columns from `end` on in that order are still empty, except for the last `fixed`."""
+    """The triangular factor of the samples of one chain so far, with the order of its columns.
+    Columns that no sample has changed are empty. It is kept transposed, as LAPACK reads it."""
 
     order: Int[np.ndarray, "columns"]
-    fixed: int
-    end: int
-    factor: Float[np.ndarray, "columns columns"]
+    position: Int[np.ndarray, "columns"]
+    is_changed: Bool[np.ndarray, "columns"]
+    transposed: Float[np.ndarray, "columns columns"]
 
     @classmethod
-    def empty(cls, layout: Layout, order: Int[np.ndarray, "columns"]) -> "_Triangle":
-        fixed = layout.voltages
-        if not layout.has_amplitude:
-            fixed += layout.columns["hysteresis_response"].size
-        return cls(order, fixed, 0, np.zeros((layout.width,) * 2, order="F"))
+    def empty(cls, order: Int[np.ndarray, "columns"]) -> "_Triangle":
+        width = len(order)
+        return cls(order, np.argsort(order), np.zeros(width, bool), np.zeros((width,) * 2))
 
     def joined_by(self, block: "ColumnBlock", is_member: Bool[np.ndarray, "_"]) -> "_Triangle":
         """This factor, with the samples of a block that belong to it."""
-        rows, few = block.local_columns, block.local_columns.shape[1]
-        rows = rows if np.all(is_member) else rows[is_member]
-        if np.array_equal(block.columns, self.order):
-            # All columns are present, as for a single node.
-            self.factor = update_triangular(self.factor, rows)
-            return self
-        position = np.empty_like(self.order)
-        position[self.order] = np.arange(len(self.order))
-        decaying = few - len(block.columns)
-        if len(rows) > few:
-            rows = update_triangular(np.zeros((few, few)), rows)
-            # Below the decays of distant nodes, only the columns of near ones are left.
-            self._join(rows[decaying:, decaying:], position[block.columns])
-            rows = rows[:decaying]
-        if len(rows):
-            far = position[block.far]
-            decayed = rows[:, :decaying, None] * block.left[None]
-            rows = np.concatenate([decayed.reshape(len(rows), -1), rows[:, decaying:]], axis=1)
-            self._join(rows, np.append(far, position[block.columns]))
+        changed = self.position[block.changed]
+        self.is_changed[changed] = True
+        first = int(changed.min())
+        used = first + np.flatnonzero(self.is_changed[first:])
+        local = block.local_columns if np.all(is_member) else block.local_columns[is_member]
+        few = local.shape[1]
+        if len(local) > MANY * few and few < len(used):
+            local = update_triangular(np.zeros((few, few)), local)
+        rows = block.rows(local, self.order[used])
+        at = np.ix_(used, used)
+        self.transposed[at] = update_triangular(self.transposed[at].T, rows).T
         return self
 
-    def _join(self, rows: Columns, indices: Int[np.ndarray, "few"]) -> None:
-        width = len(self.order)
-        early = indices[indices < width - self.fixed]
-        self.end = max(self.end, int(early.max(initial=-1)) + 1)
-        first = int(early.min(initial=self.end))
-        used = np.append(np.arange(first, self.end), np.arange(width - self.fixed, width))
-        wide = np.zeros((len(rows), width))
-        wide[:, indices] = rows
-        at = np.ix_(used, used)
-        self.factor[at] = update_triangular(self.factor[at], wide[:, used])
-
     def reduced(self, layout: Layout, scored: int) -> Reduced:
-        # By whole columns, which are contiguous.
-        return Reduced(layout, scored, self.factor.T[np.argsort(self.order)].T, self.order)
+        return Reduced(layout, scored, self.transposed[self.position].T, self.order)
 
 
 def _joined(parts: Sequence[Reduced]) -> Reduced:
@@ -225,14 +205,23 @@ class ColumnBlock:
     far: Int[np.ndarray, "decays others"]
     left: Float[np.ndarray, "decays others"]
 
-    def rows(self, layout: Layout, chosen: Int[np.ndarray, "chosen"]) -> Columns:
-        """All columns at some of the samples."""
-        local = self.local_columns[chosen]
-        rows, decaying = np.zeros((len(local), layout.width)), local.shape[1] - len(self.columns)
-        rows[:, self.columns] = local[:, decaying:]
-        if decaying:
-            rows[:, self.far] = local[:, :decaying, None] * self.left
-        return rows
+    @property
+    def changed(self) -> Int[np.ndarray, "changed"]:
+        """The columns that are not zero at these samples."""
+        return np.append(self.columns, self.far[self.left != 0])
+
+    def rows(
+        self, local: Float[np.ndarray, "rows few"], wanted: Int[np.ndarray, "wanted"]
+    ) -> Columns:
+        """The wanted columns of some rows of local ones, in Fortran's order."""
+        index = np.zeros(np.max(wanted) + 1, int)
+        index[wanted] = np.arange(len(wanted))
+        few, decaying = np.ascontiguousarray(local.T), local.shape[1] - len(self.columns)
+        wide = np.zeros((len(wanted), len(local)))
+        wide[index[self.columns]] = few[decaying:]
+        decay, node = np.nonzero(self.left)
+        wide[index[self.far[decay, node]]] = few[decay] * self.left[decay, node, None]
+        return wide.T
 
 
 def blocks(
@@ -242,7 +231,8 @@ def blocks(
 ) -> Iterator[ColumnBlock]:
     """The columns at all samples of a record, block after block. Call inside float64."""
     nodes, rate = np.array(layout.nodes), layout.in_rate
-    pairs = _SharedAnswers(layout.in_tau, len(nodes))
+    settled_a = SETTLED * float(np.max(np.abs(prepared.current_a)))
+    pairs = _SharedAnswers(layout.in_tau, len(nodes), settled_a)
     rate_tau = np.empty(0) if rate is None else padded_tau(rate)
     hysteresis_state = np.zeros(len(rate_tau))
     highest_gamma = None if rate is None else 1 / float(rate_tau.min())
@@ -298,8 +288,9 @@ def blocks(
 class _SharedAnswers:
     """The skeleton's responses to a current shared among nodes, block by block."""
 
-    def __init__(self, span: Span, nodes: int):
+    def __init__(self, span: Span, nodes: int, settled_a: float):
         self._tau, self._count = padded_tau(span), len(span.skeleton)
+        self._settled_a = settled_a
         self._states = np.zeros((len(self._tau), nodes))
 
     def next_block(
@@ -336,6 +327,7 @@ class _SharedAnswers:
         answers = answers[:size, : self._count]
         left = self._states.copy()
         left[:, near] = 0.0
+        left[np.abs(left) < self._settled_a] = 0.0
         self._states = left * ends[:, :1]
         self._states[:, near] = ends[:, has_far:wide]
         return left[: self._count], answers[:, :, 0], answers[:, :, has_far:wide]

@@ -30,11 +30,11 @@ def reflectors(columns: int) -> int:
 
 
 def update_triangular(factor: Triangle, rows: Rows) -> Triangle:
-    """The triangular factor of a triangular factor and more rows."""
+    """The triangular factor of a triangular factor, which it may overwrite, and more rows."""
     tpqrt: Any = get_lapack_funcs("tpqrt", (factor,))
     for first in range(0, len(rows), PANEL):
         panel = np.array(rows[first : first + PANEL], order="F")
-        factor = tpqrt(0, reflectors(len(factor)), factor, panel, overwrite_b=True)[0]
+        factor = tpqrt(0, reflectors(len(factor)), factor, panel, True, True)[0]
     return factor
 
 

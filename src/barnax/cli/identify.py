@@ -135,7 +135,9 @@ def _run(
     are_chosen = all(part.reason for part in plan.parts) and not plan.missing
     if are_chosen:
         run.show_document(reporting.wording.document("planned", plan=plan))
-    result = barnax.identify(barnax.Job(plan, watch=run.watch))
+    job = barnax.Job(plan, watch=run.watch) if records else job
+    is_pulsed = command == "hppc" and not records
+    result = barnax.hppc(job) if is_pulsed else barnax.identify(job)
     texts = {"result.json": result.to_json()}
     # A name that no plan can hold costs the plan.
     toml = attempt(barnax.plan_to_toml, barnax.plan.with_whole_paths(plan, result.inputs))

@@ -52,6 +52,8 @@ def _start(folder: Path, number: int) -> Start:
 def _taken_s(folder: Path, *arguments: str) -> tuple[float, float]:
     """Wall and processor time of Python with some arguments."""
     environment = os.environ | {"JAX_COMPILATION_CACHE_DIR": str(folder / "jax")}
+    # Installed packages have bytecode.
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
     before, begin = os.times(), time.perf_counter()
     subprocess.run([sys.executable, *arguments], check=True, env=environment, capture_output=True)
     after = os.times()

@@ -124,19 +124,14 @@ def test_r0_has_a_floor_by_the_current_steps_where_samples_would_have_none(prepa
 @pytest.mark.parametrize("name", ["prepared", "with_hysteresis"])
 def test_many_blocks_are_one_scan_over_all_samples(name, request, monkeypatch):
     prepared = request.getfixturevalue(name)
-    few, whole = 512, 4096
-    assert 4 * few < len(prepared.soc) < whole
-
-    def in_blocks(samples):
-        for module in (preparing, reduced, reference):
-            monkeypatch.setattr(module, "BLOCK", samples)
-
-    in_blocks(few)
+    assert 4 * 512 < len(prepared.soc) < preparing.BLOCK
+    for module in (preparing, reduced, reference):
+        monkeypatch.setattr(module, "BLOCK", 512)
     objective, place = objective_and_scales(prepared)
     found = objective.solve(place, exact=True)
     tables = objective.tables_at(found)
     simulated_v = simulate_circuit(prepared, tables)
-    in_blocks(whole)
+    monkeypatch.undo()
     assert simulated_v == pytest.approx(simulate_circuit(prepared, tables), rel=1e-12, abs=1e-13)
     error_v = (prepared.voltage_v - simulated_v)[prepared.scored]
     assert np.linalg.norm(found.error) == pytest.approx(np.sqrt(np.mean(error_v**2)), rel=1e-10)

@@ -342,7 +342,7 @@ def jacobian_blocks(
     load.
 
     `voltage_offsets_v` is as in `reduce_records`; `further` gives the columns of a record by its
-    index. Every `every`-th sample of a record counts.
+    index. Every `every`-th sample of a block counts.
     """
     tau, rate = best.log_scales[: objective.pairs], best.log_scales[objective.pairs :]
     rungs = rungs_of(objective.elements)
@@ -356,15 +356,13 @@ def jacobian_blocks(
     for index, prepared in enumerate(objective.prepared_records):
         of_numbers = _dependence_slopes(prepared, objective, best)
         none = np.empty((np.count_nonzero(prepared.scored), 0))
-        others, first = (none if further is None else further(index))[::every], 0
-        is_counted = np.zeros_like(prepared.scored)
-        is_counted[np.flatnonzero(prepared.scored)[::every]] = True
+        others, first = none if further is None else further(index), 0
         is_informative = prepared.is_informative
         for block in blocks(prepared, layout):
-            counted = np.flatnonzero(is_counted[block.here])
-            if not len(counted):
+            scored = np.flatnonzero(prepared.scored[block.here])
+            if not len(scored):
                 continue
-            here, first = slice(first, first + len(counted)), first + len(counted)
+            counted = scored[::every]
             rows = block.rows(block.local_columns[counted], np.arange(layout.width))
             sampled = replace(by_values, reduced=Reduced(layout, 1, rows))
             columns, base = sampled.columns(best.log_scales)
@@ -375,6 +373,7 @@ def jacobian_blocks(
                 for axis, scale in zip(sampled.axes, best.log_scales, strict=True)
             ]
             slopes += [slope[block.here][counted] for slope in of_numbers]
+            here, first = slice(first, first + len(scored), every), first + len(scored)
             columns = np.column_stack([columns, *slopes, others[here]])
             voltages = (
                 base[:, None]

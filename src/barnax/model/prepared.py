@@ -32,7 +32,7 @@ DENSE_QUANTILE = 0.05
 # least two samples, whichever side of its sample a current flows on.
 AFTER_S = 0.99
 # Samples processed at a time; records of every length share the programs for such a block.
-BLOCK = 2048
+BLOCK = 4096
 # Fields of a prepared record with one value per simulated sample.
 COURSES = (
     "soc", "direction", "source_v", "hysteresis_amplitude_v", "scored", "resistance_factor"

@@ -223,28 +223,44 @@ def _columns(
     text: bytes, start: int, header: Sequence[str], delimiter: str
 ) -> tuple[pl.Series, ...]:
     """The cells from `start` on: numbers where a column holds nothing else, else text."""
-    schema = {str(k): pl.String for k in range(len(header))}
+    texts = {str(k): pl.String for k in range(len(header))}
     # The first line tells Polars the width, and testers end the names or the cells with one more
     # delimiter: a line of our own is as wide as the header.
     wide = f"{delimiter * (len(header) - 1)}\n".encode() if len(header) > 1 else b'""\n'
     encoding = "utf8" if text.isascii() else "utf8-lossy"
-    how: dict[str, Any] = {"separator": delimiter, "encoding": encoding, "schema": schema}
+    how: dict[str, Any] = {"separator": delimiter, "encoding": encoding, "has_header": False}
+
+    def parsed(end: int | None, schema: Mapping[str, type[pl.DataType]]) -> pl.DataFrame:
+        content = b"".join([wide, memoryview(text)[start:end]])
+        return pl.read_csv(content, schema=schema, truncate_ragged_lines=True, **how)[1:]
+
     try:
-        content = b"".join([wide, memoryview(text)[start:]])
-        frame = pl.read_csv(content, has_header=False, truncate_ragged_lines=True, **how)
+        first = _plain(parsed(_offset(text, _GUESSED_LINES, start), texts))
+        try:
+            frame = parsed(None, {**texts, **dict.fromkeys(first, pl.Float64)})
+        except pl.exceptions.PolarsError:
+            frame = parsed(None, texts)
     except pl.exceptions.PolarsError as error:
         raise InputError(
             f"cannot be split into columns at {delimiter!r}; export it as plain CSV without"
             " quotes inside cells."
         ) from error
-    # Most columns are of plain numbers, and the blanks around cells of others take longer.
-    read = zip(frame[1:], frame[1:].select(pl.all().cast(pl.Float64, strict=False)), strict=True)
+    plain = _plain(frame)
+    # The blanks around cells take longer.
     return tuple(
-        plain
-        if plain.null_count() == cells.null_count() < len(cells)
-        else cells.str.strip_chars().replace("", None)
-        for cells, plain in read
+        plain[cells.name] if cells.name in plain else cells.str.strip_chars().replace("", None)
+        for cells in frame
     )
+
+
+def _plain(frame: pl.DataFrame) -> dict[str, pl.Series]:
+    """The columns of plain numbers, by name."""
+    read = zip(frame, frame.select(pl.all().cast(pl.Float64, strict=False)), strict=True)
+    return {
+        plain.name: plain
+        for cells, plain in read
+        if plain.null_count() == cells.null_count() < len(cells)
+    }
 
 
 def _kept(table: Table, is_left_out: Bool[np.ndarray, "lines"], part: str) -> Table:

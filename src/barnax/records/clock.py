@@ -1,4 +1,4 @@
-"""The rules on the clock: it never falls, and no sample stands in the record twice."""
+"""Rules for the clock: time never decreases, and no sample occurs twice."""
 
 from datetime import datetime
 
@@ -11,21 +11,23 @@ from .cell_values import DAY_S, is_clock, is_local_date, uneven
 from .record import runs
 from .samples import Samples
 
-# More stamps out of line than three, or one in a hundred, are no slips; nor are so many that
-# follow another of the same stamp.
+# More misplaced time stamps than three, or than one in a hundred, are not isolated slips; neither
+# are that many that follow an equal stamp.
 _SLIPS, _FEW = 3, 0.01
-# The most zeros among a clock's stamps, and by what share even intervals differ.
+# The largest number of zeros among the time stamps, and the deviation up to which intervals are
+# even.
 _MOSTLY, _EVEN = 0.5, 0.1
-# By how much clocks are set back, and how late the next stamp may come: so many intervals, or as
-# late as any does, up to a share of that.
+# How far clocks are set back, and how late the next stamp may then come: this many intervals, or
+# the longest interval, up to a share of the step back.
 _HOUR_S = 3600.0
 _SET_BACK = {_HOUR_S: "hour-back", DAY_S / 2: "twelve-back"}
 _LATE, _LATEST_SHARE = 3, 0.1
-# Stamps that leap by so much of a fall within a few rows of it are out of line: no clock was set.
+# A stamp is misplaced, and the clock was not set back, if it jumps ahead by this share of the step
+# back within a few rows of it.
 _BACK_AT_ONCE = 0.9
-# The hour of spring is skipped on a Sunday in one of these months, before five o'clock. Elsewhere,
-# an hour passes neither by so little of the usual interval, nor with a voltage that goes on as it
-# does over most intervals.
+# Summer time begins on a Sunday in one of these months, before five o'clock. Elsewhere, an hour
+# that passes between two rows is close neither to the usual interval nor to a change of voltage as
+# small as over most intervals.
 _SPRING, _SPRING_HOURS, _EXACT, _GOES_ON = (3, 4, 9, 10), 5, 0.05, 0.9
 
 Clock = Float[np.ndarray, "samples"]
@@ -33,10 +35,10 @@ Flags = Bool[np.ndarray, "samples"]
 
 
 def examine_clock(samples: Samples) -> Samples:
-    """The samples with a clock that never falls, and notices of what was wrong with it.
+    """The samples with a clock that never decreases, and notices of what was wrong with it.
 
-    Stamps out of line are dropped, rows out of order are sorted, and a clock that starts again is
-    made to run on.
+    Misplaced stamps are dropped, rows out of order are sorted, and a clock that starts again is
+    continued.
     """
     if not len(samples) or samples.intervals_s.min(initial=0) >= 0:
         return _set_forward(samples)
@@ -64,18 +66,18 @@ def examine_clock(samples: Samples) -> Samples:
     )
     if is_shuffled:
         return samples.keep(np.argsort(time, kind="stable"))
-    # An ordinary interval stands where it fell.
+    # An ordinary interval is put in place of the jump.
     usual_s = float(np.median(interval_s[interval_s > 0])) if np.any(interval_s > 0) else 1.0
     passed_s = np.cumsum(np.where(interval_s < 0, usual_s, interval_s))
     return samples.having(time=np.concatenate([time[:1], time[0] + passed_s]))
 
 
 def _without_zeros(samples: Samples) -> Samples:
-    """The samples without those where the clock shows 0 between values that never fall, or that go
-    on as if they were not there: a clock of steps begins anew with each."""
+    """The samples without those at which the clock shows 0 between stamps that never decrease, or
+    that continue as if it were not there: the clock of a step restarts with every step."""
     time = samples.time_s
     is_zero = (time + (samples.zero_date_s or 0.0) == 0) & (np.arange(len(time)) > 0)
-    # One alone may be the first row, out of order.
+    # A single one may be the first row, out of order.
     is_first = is_zero.sum() == 1 and time[0] > 0
     if is_first or is_zero.mean() > _MOSTLY:
         return samples
@@ -90,7 +92,7 @@ def _without_zeros(samples: Samples) -> Samples:
 
 
 def _within_steady_stamps(time: Clock, is_out: Flags) -> Flags:
-    """Those of the stamps that stand between others of one interval, in place of as many."""
+    """The stamps that lie between others at an even interval, where they replace as many."""
     first, last = runs(is_out)
     is_inside = (first > 0) & (last < len(time) - 1)
     first, last = first[is_inside], last[is_inside]
@@ -98,7 +100,7 @@ def _within_steady_stamps(time: Clock, is_out: Flags) -> Flags:
     interval_s = np.concatenate([[-np.inf], np.diff(time), [-np.inf]])
     beside_s = np.stack([interval_s[first - 1], interval_s[last + 2]])
     is_even = np.abs(beside_s - each_s) < _EVEN * each_s
-    # Beside the first stamp of a step, or the last, there is none.
+    # There is nothing before the first stamp of a step, nor after its last.
     is_steady = (each_s > 0) & np.all(is_even | (beside_s <= 0), axis=0) & np.any(is_even, axis=0)
     is_within = np.zeros(len(time), bool)
     for begin, end in zip(first[is_steady], last[is_steady] + 1, strict=True):
@@ -107,11 +109,11 @@ def _within_steady_stamps(time: Clock, is_out: Flags) -> Flags:
 
 
 def _set_back(samples: Samples) -> Samples:
-    """The samples on a clock that runs on where it is set back: by the hour of autumn, or by twelve
-    hours where it says neither AM nor PM.
+    """The samples on a continuous clock where it is set back: by an hour in autumn, or by twelve
+    hours without AM and PM.
 
-    An error for numbers that are no dates, which may begin anew, and for dates that also leap: a
-    clock of twelve hours does at midnight.
+    An error for numbers that are not dates, which may simply restart, and for dates that also jump
+    ahead: a clock of twelve hours does so at midnight.
     """
     time, late_s = samples.time_s, _LATE * samples.interval_s
     latest_s, falls = samples.intervals_s.max(), samples.intervals_s < 0
@@ -123,7 +125,7 @@ def _set_back(samples: Samples) -> Samples:
     for fall in np.flatnonzero(falls):
         fall_s = -samples.intervals_s[fall]
         before_s = samples.intervals_s[max(fall - 1 - _SLIPS, 0) : fall].max(initial=0)
-        # A clock of twelve hours leaps by a day before it falls by half of one.
+        # A clock of twelve hours jumps ahead by a day before it falls by half a day.
         is_back = _BACK_AT_ONCE * fall_s < before_s < fall_s / _BACK_AT_ONCE
         leap_s = samples.intervals_s[fall + 1 : fall + 2 + _SLIPS].max(initial=0)
         if leap_s > max(late_s, _BACK_AT_ONCE * fall_s) or (is_back and before_s > late_s):
@@ -139,15 +141,15 @@ def _set_back(samples: Samples) -> Samples:
 
 
 def _set_forward(samples: Samples) -> Samples:
-    """The samples on a clock that runs on where it is set forward, by the hour of spring: dates of
-    the local time that skip one hour, the one of the calendar, or under a load that goes on."""
+    """The samples on a continuous clock where it is set forward by an hour in spring: local dates
+    that skip one hour, either the one of the calendar or under a load that continues."""
     time = samples.columns["time"]
     is_local = is_local_date(samples.table.columns[time.index], time)
     if samples.zero_date_s is None or len(samples) < _SLIPS or not is_local:
         return samples
     hour_s, interval_s = _HOUR_S, samples.interval_s
     over_s = samples.intervals_s - hour_s
-    # The stamp may come as late as any does, up to a share of the hour.
+    # The next stamp may come as late as the longest interval allows, up to a share of the hour.
     latest_s = min(np.max(over_s[over_s < 0], initial=-hour_s) + hour_s, _LATEST_SHARE * hour_s)
     late_s = max(_LATE * interval_s, latest_s)
     jumps = np.flatnonzero((over_s >= 0) & (over_s <= late_s))
@@ -160,7 +162,7 @@ def _set_forward(samples: Samples) -> Samples:
         (zero + np.timedelta64(round(1e3 * s), "ms")).astype(datetime) for s in (before_s, after_s)
     )
     is_spring = last.isoweekday() == 7 and last.month in _SPRING and last.hour < _SPRING_HOURS
-    # From just before a whole hour to just after the next.
+    # From just before a full hour to just after the next one.
     is_spring &= first.hour == last.hour + 2 and 60 * first.minute <= late_s
     step_a, step_v = samples.step_a, samples.step_v
     ohm = step_v @ step_a / max(step_a @ step_a, 1e-300)
@@ -182,9 +184,10 @@ def _noting_change(samples: Samples, at: int, change: str, is_taken: bool) -> Sa
 
 
 def _by_counter(samples: Samples) -> Samples:
-    """The samples in the order of a column that counts the rows, where time falls less in it.
+    """The samples in the order of a column that counts rows, if time decreases less often in that
+    order.
 
-    Without one, what only falls is turned around.
+    Without such a column, time that only decreases is reversed.
     """
     falls = int(np.sum(samples.intervals_s < 0))
     used = {column.index for column in samples.columns.values()}
@@ -204,21 +207,21 @@ def _by_counter(samples: Samples) -> Samples:
     return samples
 
 
-# A clock that falls by less than this share of the usual interval is read too coarsely.
+# A clock that falls by less than this share of the usual interval has too coarse a resolution.
 _JITTER_SHARE = 0.1
 
 
 def _without_jitter(samples: Samples) -> Samples:
-    """The samples with stamps put just where they belong that are a little behind the one before.
+    """The samples with stamps slightly behind the previous one moved to where they belong.
 
-    A stamp is put one interval before the next, or hard behind the one before.
+    Such a stamp is put one interval before the next one, or immediately after the previous one.
     """
     time, usual_s = samples.time_s, samples.interval_s
     falls = np.flatnonzero(samples.intervals_s < 0)
     fall_s = time[falls] - time[falls + 1]
     if not 0 < len(falls) <= max(_SLIPS, _FEW * len(time)):
         return samples
-    # Behind the last sample there is room for one more.
+    # After the last sample there is room for one more.
     after = np.append(time, time[-2] + 2 * usual_s)[falls + 2]
     room_s = after - time[falls]
     if np.any(fall_s > _JITTER_SHARE * usual_s) or np.any(room_s <= 0):
@@ -230,12 +233,13 @@ def _without_jitter(samples: Samples) -> Samples:
     return samples.telling(int(falls[0]) + 1, "clock.ordered", **given).having(time=mended)
 
 
-# The least share of a clock's falls that lie where the step changes, and how low they go.
+# The smallest share of a clock's falls that coincide with a change of step, and how low the clock
+# then reads.
 _AT_STEPS, _FROM_ZERO = 0.8, 0.1
 
 
 def _join_steps(samples: Samples) -> Samples:
-    """The samples on the clock of the test, where theirs begins anew with each step."""
+    """The samples on the clock of the test, if theirs restarts with every step."""
     time = samples.time_s
     falls = np.diff(time) < 0
     if not falls.any():
@@ -245,14 +249,14 @@ def _join_steps(samples: Samples) -> Samples:
         changes = np.diff(samples.step) != 0
         is_low = time[1:] <= _FROM_ZERO * time[:-1]
         is_at_steps = np.mean((changes & is_low)[falls]) > _AT_STEPS
-        # A step's first sample may come late.
+        # The first sample of a step may come late.
         is_at_steps |= falls.sum() > _SLIPS and np.mean(changes == falls) == 1
-        # Of joined files, the clock falls at one change of step among many.
+        # In joined files, the clock falls at one change of step among many.
         is_steps |= bool(is_at_steps and np.mean(falls[changes]) > 0.5)
         starts = falls | changes
     if not is_steps:
         return samples
-    # A step begins where the one before it ended.
+    # A step begins when the previous one has ended.
     before = np.cumsum(np.where(starts, time[:-1], 0.0))
     at, joined = int(np.argmax(falls)) + 1, time + np.append(0.0, before)
     given = {"column": samples.header("time"), "times": falls.sum()}
@@ -264,7 +268,7 @@ def _single_strays(time: Clock) -> Flags:
     strays = np.zeros(len(time), bool)
     falls = np.flatnonzero(np.diff(time) < 0)
     padded = np.concatenate([[-np.inf], time, [np.inf]])
-    # Of the fall from sample k to k + 1; padded[k + 1] is sample k.
+    # For the fall from sample k to k + 1; padded[k + 1] is sample k.
     is_low = padded[falls + 3] > padded[falls + 1]
     is_high = padded[falls + 2] > padded[falls]
     strays[falls[is_low & ~is_high] + 1] = True
@@ -273,9 +277,9 @@ def _single_strays(time: Clock) -> Flags:
 
 
 def _stray_runs(time: Clock) -> Flags:
-    """Runs of stamps behind what came before, or ahead of what comes after; the fewer of the two.
+    """Runs of stamps that lie behind earlier ones, or ahead of later ones; whichever are fewer.
 
-    None where sorting would put them in their places.
+    None if sorting would put them in their places.
     """
     behind = time < np.maximum.accumulate(time)
     ahead = time > np.minimum.accumulate(time[::-1])[::-1]
@@ -286,10 +290,10 @@ def _stray_runs(time: Clock) -> Flags:
 
 
 def _is_shuffled(time: Clock, falls: int) -> bool:
-    """True if sorting puts whole pieces into their places, rather than mixing two clocks."""
+    """True if sorting puts whole pieces in their places, rather than interleaving two clocks."""
     order = np.argsort(time, kind="stable")
     sorted_s = np.diff(time[order])
-    # Between the pieces of a clock that began anew more time would pass than within all of them.
+    # The pieces of a clock that restarted would be further apart than all of them are long.
     passed_s = np.maximum(np.diff(time), 0).sum()
     if np.any(sorted_s == 0) or sorted_s.max() > passed_s:
         return False
@@ -297,23 +301,23 @@ def _is_shuffled(time: Clock, falls: int) -> bool:
     return int(np.sum(np.diff(piece) != 0)) <= 3 * falls + 2
 
 
-# Two samples of one time stamp that differ by no more are one sample, logged twice.
+# Two samples with the same stamp that differ by no more than this are one sample, logged twice.
 _SAME_VOLTAGE_V, _SAME_CURRENT_SHARE = 2e-3, 0.02
-# Past this share of stamps with two different values the clock is printed with too few digits.
+# Above this share of stamps with two different values, the clock has too few digits.
 _COARSE = 0.05
 
 
-# How far apart the two sides of a change of step are put that share a time stamp: less than testers
-# resolve, and less than a part of the interval that follows.
+# The distance put between the two sides of a change of step that share a stamp: less than testers
+# resolve, and a small part of the next interval.
 _APART_S, _APART_SHARE = 5e-4, 0.1
 
 
 def examine_repeats(samples: Samples) -> Samples:
-    """The samples on a strictly rising clock, with notices of those logged twice.
+    """The samples on a strictly increasing clock, with notices of those logged twice.
 
-    Both sides of a change of step that share a time stamp are put a little apart. Of two others of
-    one stamp the first is kept. Where there are more of different values than the two sides of a
-    step explain, they are spread over the interval that follows.
+    The two sides of a change of step that share a stamp are moved slightly apart. Of two other
+    samples with one stamp the first is kept. If more samples with different values share stamps
+    than changes of step explain, they are spread over the next interval.
     """
     is_repeat = samples.intervals_s == 0
     sides = is_repeat & (samples.step is not None and np.diff(samples.step) != 0)
@@ -322,7 +326,8 @@ def examine_repeats(samples: Samples) -> Samples:
         apart_s = _spread(time_s, _APART_SHARE, _APART_S)
         samples = samples.telling(at, "repeats.both-sides", changes=sides.sum())
         samples = samples.having(time=np.where(np.isin(time_s, time_s[1:][sides]), apart_s, time_s))
-    # Interval by interval: of the stamp before, and alike wholly, within the resolution, or not.
+    # For each interval: starts at the same stamp, all values equal, equal within the resolution, or
+    # different.
     is_repeat = samples.intervals_s == 0
     if not is_repeat.any():
         return samples
@@ -335,7 +340,7 @@ def examine_repeats(samples: Samples) -> Samples:
     others, at = int(is_other.sum()), int(np.argmax(is_other)) + 1
     given = {"time_s": samples.time_s[at], "rows": others}
     for name, row in (("first", at - 1), ("second", at)):
-        # Adding zero turns a resting tester's -0 into 0.
+        # Adding zero turns the -0 of a resting tester into 0.
         given[f"{name}_a"] = samples.current_a[row] + 0.0
         given[f"{name}_v"] = samples.voltage_v[row]
     if in_a_row.sum() > max(_SLIPS, _FEW * len(samples)) or np.mean(is_other) > _COARSE:
@@ -352,8 +357,8 @@ def examine_repeats(samples: Samples) -> Samples:
 
 
 def _spread(time_s: Clock, share: float = 1.0, most_s: float = np.inf) -> Clock:
-    """The clock with samples of one stamp laid evenly over a share of the time up to the next
-    stamp, and no further apart than `most_s`."""
+    """The clock with samples of the same stamp evenly spread over a share of the time up to the
+    next stamp, at most `most_s` apart."""
     stamps, stamp, times = np.unique(time_s, return_inverse=True, return_counts=True)
     gaps_s = np.diff(stamps)
     room_s = np.append(gaps_s, np.median(gaps_s) if len(gaps_s) else 1.0)

@@ -1,7 +1,7 @@
-"""The columns of a table that are read, and what there is to say about them.
+"""The columns of a table that are read, and notices about them.
 
-At the end, columns that hold one quantity twice, and may disagree: two voltages, or currents by a
-factor.
+Finally, columns that measure one quantity twice and may disagree: two voltages, or currents that
+differ by a factor.
 """
 
 import re
@@ -29,18 +29,19 @@ Channel = Float[np.ndarray, "samples"]
 Apart = dict[str, str | float]
 
 REQUIRED = tuple(quantity for quantity in QUANTITIES if quantity.name in NEEDED)
-# Dates that stand still in a larger share of the intervals are printed too coarsely to be a clock.
+# Dates that do not change in a larger share of the intervals have too coarse a resolution for a
+# clock.
 _COARSE_DATES = 0.05
-# The number of dates that are looked at.
+# Number of dates that are examined.
 _DATES = 50
 
 
 def examine_columns(table: Table, file: str) -> tuple[dict[str, Column], list[Notice]]:
-    """The columns to go on with, and what is to be said of them.
+    """The columns to use, and notices about them.
 
-    Where a required column has no accepted name but one likely one, that is taken, so that its
-    values are looked at too. A column still missing is in the findings alone. Raises InputError
-    where no name is like any that a record has.
+    If a required column has no accepted name but one likely candidate, that one is used so that its
+    values are checked too. A column that is still missing appears only in the findings. Raises
+    InputError if no name resembles that of a record's column.
     """
     header = table.header
     is_mostly = 2 * table.is_impedance.sum() > len(table.row)
@@ -68,18 +69,18 @@ def examine_columns(table: Table, file: str) -> tuple[dict[str, Column], list[No
     missing: dict[str, list[str]] = {}
     options = []
     for quantity in [one for one in REQUIRED if one.name not in columns]:
-        # A column that another quantity has taken is no candidate.
+        # A column that another quantity uses is not a candidate.
         taken, option = _headers(columns), f"{quantity.name}=NAME:UNIT"
         likely = [column for column in header.likely(quantity) if column.header not in taken]
         if len(likely) == 1:
             guess = likely[0]
             if quantity.name == "time" and is_clock(table.columns[guess.index]):
-                # A date has no unit, and a name of its own.
+                # A date has no unit.
                 guess = replace(guess, quantity=QUANTITY_OF["date"], is_unit_assumed=False)
             columns[quantity.name] = guess
             unit = ":UNIT" if guess.is_unit_assumed else ""
             option = f"{quantity.name}={guess.header}{unit}"
-        # Of a name that was given it is said that the table does not have it.
+        # For a given name, the error is that the table does not have it.
         if quantity.name not in header.given:
             missing[quantity.name] = [column.header for column in likely]
             options.append(option)
@@ -91,12 +92,12 @@ def examine_columns(table: Table, file: str) -> tuple[dict[str, Column], list[No
 def _missing_columns(
     table: Table, missing: Mapping[str, Sequence[str]], is_nameless: bool, option: str
 ) -> Notice:
-    """The error of required quantities without a column, by the names that may mean each, with the
+    """The error for required quantities without a column, with the candidates for each and the
     option that names them."""
     cells = next(map(list, table.cell_voltages), [])
     values: dict[str, Any] = {"quantities": ", ".join(missing), "count": len(missing)}
     values |= {"columns": _quoted(table.header.names)}
-    # Two may be one cell's, measured twice.
+    # Two of them may be measurements of the same cell.
     if len(cells) > FEWEST_CELLS and "voltage" in missing and not is_nameless:
         values |= {"cells": _quoted(cells), "first": cells[0]}
         return Notice("columns.pack", values, row=table.names_row)
@@ -112,8 +113,8 @@ def _missing_columns(
 
 
 def _is_nameless(table: Table, is_like: bool) -> bool:
-    """True if half of the first row's cells are numbers, or where no name is like one of a table
-    that is known, one of it is, or nothing stands there above numbers."""
+    """True if half of the first row's cells are numbers, or if no name resembles that of a known
+    table, one of them is a number, or the row above the numbers is empty."""
     names = table.header.names
     spelled = pl.Series("names", [name.strip() for name in names] or [""])
     share = spelled.cast(pl.Float64, strict=False).is_not_null().to_numpy().mean()
@@ -123,8 +124,8 @@ def _is_nameless(table: Table, is_like: bool) -> bool:
 
 
 def _not_there(header: Header, row: int, file: str) -> Iterator[Notice]:
-    """Warnings of given names that the table does not have, or has in several spellings. Raises
-    InputError for one name that is given for several of the needed quantities."""
+    """Warnings about given names that the table does not have, or has in several spellings. Raises
+    InputError for a name that is given for several of the required quantities."""
     needed = {name: one.header for name, one in header.given_columns.items() if name in NEEDED}
     for column, times in Counter(needed.values()).items():
         if times > 1:
@@ -153,10 +154,10 @@ def _not_there(header: Header, row: int, file: str) -> Iterator[Notice]:
 
 
 def _settle_clock(table: Table, columns: dict[str, Column]) -> Iterator[Notice]:
-    """Settle the column of the time, and leave out other clocks but for the day of a time of day.
+    """Choose the time column, and leave out other clocks except for the date of a time of day.
 
-    Clock times are in s, and numbers that are dates tell their unit by their size. Where there is
-    no clock of the test, the dates or the clock of the steps are taken.
+    Clock times are in s, and numbers that are dates show their unit by their size. Without a clock
+    of the test, the dates or the clock of the steps are used.
     """
     dates = QUANTITY_OF["date"]
     for name in columns.keys() & CLOCKS:
@@ -189,20 +190,20 @@ def _settle_clock(table: Table, columns: dict[str, Column]) -> Iterator[Notice]:
 
 
 def _is_time_of_day(table: Table, time: Column, date: Column) -> bool:
-    """True if the dates are whole days, and the clock is the time on them.
+    """True if the dates are whole days, and the clock is the time of day.
 
-    Then it falls where the date changes and nowhere else. Where it never falls, it may be a clock
-    of the test; that runs over midnight where the dates change, whenever it began.
+    The clock then falls exactly where the date changes. If it never falls, it may be a clock of the
+    test, which passes midnight where the date changes, whenever it began.
     """
     is_time = time.quantity.name == "time" and is_clock(table.columns[time.index])
     if not is_time or len(table.row) < 2:
         return False
-    # A few cells rule out most columns of dates, which take long to read.
+    # A few cells rule out most columns of dates, which are slow to read.
     lines = np.linspace(0, len(table.row) - 1, _DATES).astype(int)
     if np.any(numbers(table.columns[date.index].gather(lines), date) % DAY_S != 0):
         return False
     days_s, clock_s = (numbers(table.columns[column.index], column) for column in (date, time))
-    # A day is not known where its cell is blank.
+    # The date is unknown where its cell is blank.
     if np.any(days_s % DAY_S != 0):
         return False
     falls, is_new = np.diff(clock_s % DAY_S) < 0, np.diff(days_s) != 0
@@ -249,25 +250,26 @@ def _repeated_names(header: Header, row: int, columns: Columns) -> Iterator[Noti
             yield Notice("columns.repeated", values, row=row)
 
 
-# Makes whose names have no rule for which of two voltage columns comes first.
+# Makes without a rule for which of two voltage columns comes first.
 _ANYBODYS = ("plain", "Battery Data Format", "PyBaMM")
 _TINY = 1e-30
-# A set point, or a statistic of measured values, is no second measurement.
+# Set points and statistics of measured values are not second measurements.
 _NOT_MEASURED = re.compile(r"\b(set|max|min|limit|target|end|start|cut|mean|avg|average)")
-# Two voltages differ by a lead where the current explains so much of their difference, which it
-# moves by so many volts; currents differ where they are proportional to within a percent, but not
-# equal to within one.
+# Two voltages differ by a lead's resistance if the current explains this share of their difference
+# and moves it by this many volts; currents differ by a factor if they are proportional within one
+# percent, but not equal within one percent.
 _BY_LEADS, _SWING_V = 0.8, 3e-3
 _PROPORTIONAL, _EQUAL = 0.999, 0.01
-# Two voltages of one cell agree to so much; what is further apart and looks unlike is another's.
+# Two voltages of one cell agree within this; if they differ more and look unlike, one is of another
+# cell.
 _SAME_V, _OTHER_V, _ALIKE = 5e-3, 0.2, 0.9
 _MAX_NAMES = 200
 
 
 def examine_twins(source: Source, samples: Samples) -> Iterator[Notice]:
-    """Other columns of voltage and current that differ as only a wrong one does.
+    """Other columns of voltage and current that differ as only a wrong column does.
 
-    What the user has named is the right one, and a pack has voltages of other cells.
+    What the user has named is right, and a pack has the voltages of other cells.
     """
     table = source.table
     if len(table.sheets) > 1:
@@ -288,7 +290,7 @@ def examine_twins(source: Source, samples: Samples) -> Iterator[Notice]:
 
 
 def _electrode(source: Source, samples: Samples) -> Iterator[Notice]:
-    """A note where the voltage is that of a working electrode, and the cell's is another."""
+    """A note if the voltage is that of a working electrode and another column has the cell's."""
     column = samples.header("voltage")
     header = source.table.header
     names = {re.sub("[<>]", "", normal(name)): name for name in header.names}
@@ -303,7 +305,7 @@ def _electrode(source: Source, samples: Samples) -> Iterator[Notice]:
 
 
 def _others(header: Header, quantity: str, used: Column) -> Iterator[Column]:
-    """Further columns that can hold the quantity, by their names."""
+    """Further columns whose names fit the quantity."""
     for index, name in enumerate(header.names[:_MAX_NAMES]):
         if index == used.index or name == used.header or _NOT_MEASURED.search(normal(name)):
             continue
@@ -335,7 +337,7 @@ def _apart_voltages(samples: Samples, used: Channel, other: Channel, name: str) 
 
 
 def _apart_currents(_: Samples, used: Channel, other: Channel, name: str) -> Apart:
-    """The factor by which a current is another."""
+    """The factor between two currents."""
     ratio = float(used @ other) / max(float(used @ used), _TINY)
     is_apart = abs(cosine(used, other)) > _PROPORTIONAL and abs(ratio - 1) > _EQUAL
     return {"by": "factor", "ratio": ratio} if is_apart else {}

@@ -1,8 +1,8 @@
 """The columns of a table that hold quantities of a record, and their units.
 
 A column name is an alias and a unit, in any of the usual spellings: Battery Data Format labels
-("Current / A") and machine names ("current_ampere"), PyBaMM ("Current [A]"), Arbin
-("Current(A)"), BioLogic ("I/mA"), and plain names ("current"), whose unit is then assumed.
+("Current / A") and machine names ("current_ampere"), PyBaMM ("Current [A]"), Arbin ("Current(A)"),
+BioLogic ("I/mA"), and plain names ("current"), whose unit is then assumed.
 """
 
 import difflib
@@ -17,31 +17,31 @@ from ..errors import InputError
 from .dialects import CHARGE, DIALECTS, DISCHARGE, OTHER_TABLES, PLAIN, Dialect, Sign
 from .quantities import NEEDED, OCV_QUANTITIES, QUANTITIES, QUANTITY_OF, Quantity, Unit
 
-# A unit stands behind a slash, # or comma, in brackets, or after a blank (machine names); Arbin
-# numbers its auxiliary channels behind the bracket.
+# A unit follows a slash, # or comma, is in brackets, or follows a blank (machine names); Arbin
+# numbers its auxiliary channels after the bracket.
 _UNIT = re.compile(
     r"^(?:\s*[/\[(#]\s*|\s*,\s*\(?|\s+(?:in\s+)?)(?P<unit>[^\])]*?)\s*(?:[\])]\s*\d*)?$"
 )
 # "h:min:s.ms", "h min s.ms", "Hours in hh:mm:ss.xxx", "mm:ss" and "ss.xxx" are forms of seconds.
 _CLOCK_FORM = re.compile(r".*\bh+[: ]m.*|m+:s.*|s+\.x+")
-# Which sign of the current discharges: "Current (A), discharge positive",
-# "I [A] (+ = charge)", "Current (charge positive) [A]".
+# The sign of the current while discharging: "Current (A), discharge positive", "I [A] (+ =
+# charge)", "Current (charge positive) [A]".
 _SIGN = re.compile(
     r"(?<=.)[ ,;:(\[]+((dis)?charg(e|ing)\W*(is )?(pos(itive)?|neg(ative)?|\+)"
     r"|(pos(itive)?|neg(ative)?|\+)\W*(is |on |for )?(dis)?charg(e|ing))[)\]]*(?=\s*[/\[(]|$)"
 )
-# What the variables of scripts have behind a quantity: "t_data", "V_meas", "tvec".
+# What scripts append to the names of variables: "t_data", "V_meas", "tvec".
 _VARIABLE = re.compile(r"(?<=\w)( ?(data|vec|vector)| (meas|exp|array|values?))(?= ?[\[(/]|$)")
 # "Re(Z)/Ohm", "-Im", "|Z|", "Zreal" and "Z''".
 _IMPEDANCE = re.compile(r"[-|]?(re|im|z ?(re|im|real|imag|mod)?)(\b|$)|impedance")
 
-# Aliases that carry their unit in themselves.
+# Aliases that include their unit.
 _SELF_EXPLAINING = re.compile("seconds|m?amps|volts|m?amp-hr|chgah|disah|ma|mv")
 # Comparing spellings is slow, and no tester writes so many columns.
 _COMPARED_NAMES = 1000
-# The quantities that give the time, and the current.
+# Quantities that determine the time, and the current.
 _CLOCKS, _CURRENTS = {"time", "step time", "date"}, {"current", "charge of the interval"}
-# What the voltages of cells are called in short.
+# Short names of cell voltages.
 _CELLS = {"v", "u", "vc", "uc", "uz", "cv"}
 NOTHING: Mapping[str, str] = MappingProxyType({})
 # What `columns` may name.
@@ -50,10 +50,10 @@ NAMES = tuple(name for name in QUANTITY_OF if name not in ("date", "charge of th
 
 @dataclass(frozen=True)
 class Column:
-    """A column found: its place in the table, its name as written, and its unit.
+    """A column: its index in the table, its name as written, and its unit.
 
-    `is_unit_assumed` says that the name gives no unit and the quantity's own was taken,
-    `is_unit_given` that the user says the unit, which then holds whatever the values look like.
+    `is_unit_assumed`: the name has no unit, and the quantity's default is used. `is_unit_given`:
+    the user has given the unit, which holds whatever the values look like.
     """
 
     index: int
@@ -65,7 +65,7 @@ class Column:
 
     @property
     def sign(self) -> Sign | None:
-        """The sign of the current that the name says, if it does."""
+        """The sign of the current in the name, if any."""
         if words := _SIGN.search(normal(self.header)):
             return DISCHARGE if ("dis" in words[0]) is ("neg" not in words[0]) else CHARGE
         return None
@@ -73,23 +73,23 @@ class Column:
 
 def normal(name: str) -> str:
     """The name in lower case, with blanks for underscores, and u for micro."""
-    # Wide brackets, and units in one letter.
+    # Wide brackets, and units in a single character.
     plain = unicodedata.normalize("NFKC", name).replace("μ", "u").lstrip("~# \ufeff")
     return re.sub(r"[\s_]+", " ", plain).strip().lower()
 
 
 def unit_of(quantity: Quantity, text: str) -> Unit | None:
-    """The unit of the quantity that the text spells, if it does."""
+    """The unit of the quantity with this spelling, if any."""
     spelled = normal(text).replace("^", "")
     if quantity.base_unit.symbol == "s" and _CLOCK_FORM.fullmatch(spelled):
         return quantity.base_unit
-    # A lost degree sign is still one of Celsius.
+    # A lost degree sign still means Celsius.
     spelled = re.sub("[?\ufffdº]", "°", spelled)
     return quantity.units.get(spelled) or quantity.units.get(spelled.rstrip("."))
 
 
 def in_its_unit(index: int, name: str, quantity: Quantity) -> Column:
-    """The column with the unit in brackets or behind a slash at its name's end, if any."""
+    """The column with the unit in brackets or after a slash at the end of its name, if any."""
     stated = re.search(r"[/\[(]\s*([^/\[\]()]*?)\s*[\])]?\s*$", _SIGN.sub("", normal(name)))
     unit = unit_of(quantity, stated[1]) if stated else None
     is_assumed = unit is None and "1" not in quantity.units
@@ -97,16 +97,16 @@ def in_its_unit(index: int, name: str, quantity: Quantity) -> Column:
 
 
 def _match(index: int, name: str, plain: str, quantity: Quantity) -> tuple[int, Column] | None:
-    """Rank of the alias that the name is (0 is the most specific), and the column it names.
+    """The rank of the matching alias (0 is the most specific), and its column.
 
-    An alias such as "programmdauer=ms" has that unit where the name states none.
+    An alias such as "programmdauer=ms" has this unit if the name states none.
     """
-    # Most names are of none, and a file may have thousands of lines that could be its names.
+    # Most names match nothing, and a file may have thousands of lines that could be its header.
     if not plain.startswith(quantity.beginnings):
         return None
     for rank, (alias, stated) in enumerate(quantity.aliases.items()):
         if plain == alias:
-            # A bare T is a temperature to some and a time to others; a bare t is a time.
+            # A bare T is a temperature or a time; a bare t is a time.
             is_bare = alias == "t" and not stated
             if is_bare and (name.strip()[:1] != "t" or quantity.name != "time"):
                 continue
@@ -121,7 +121,7 @@ def _match(index: int, name: str, plain: str, quantity: Quantity) -> tuple[int, 
 
 
 def names_cell_voltage(name: str) -> bool:
-    """True if a column of a pack is named like a voltage's or a cell's, and not something else's.
+    """True if a column of a pack is named like a voltage or a cell, and not like anything else.
 
     >>> [names_cell_voltage(name) for name in ("V1", "Cell_01 [mV]", "Aux T 1 (C)", "Cell 1 temp")]
     [True, True, False, False]
@@ -142,9 +142,9 @@ def names_cell_voltage(name: str) -> bool:
 
 @dataclass(frozen=True)
 class Header:
-    """The names of a table's columns, and what they say; each is looked up once.
+    """The names of a table's columns and their meanings, each looked up once.
 
-    `given` are the user's own names by quantity, as `columns` takes them, and come first.
+    `given` are the user's names by quantity, as in `columns`; they take precedence.
     """
 
     names: tuple[str, ...]
@@ -156,18 +156,18 @@ class Header:
 
     @cached_property
     def _bare(self) -> set[str]:
-        """The names as marks give them, each with its unit and without."""
+        """The names as in `marks`, each with its unit and without."""
         names = {re.sub("[<>]", "", name).replace(" (", "(") for name in self._normal}
         return names | {re.split(r" *[(\[/#,]", name)[0] for name in names}
 
     @cached_property
     def dialect(self) -> Dialect:
-        """Whose names these are; `PLAIN` where they are nobody's."""
+        """The make with these names; `PLAIN` if unknown."""
         return next((dialect for dialect in DIALECTS if dialect.is_marked(self._bare)), PLAIN)
 
     @cached_property
     def columns(self) -> Mapping[str, Column]:
-        """The column of each quantity of a record that is named."""
+        """The column of each quantity of a record, by the names."""
         return {**self._named, **self.given_columns}
 
     @cached_property
@@ -176,7 +176,7 @@ class Header:
 
     @cached_property
     def given_columns(self) -> Mapping[str, Column]:
-        """The columns that the user names, by quantity, of those that there are."""
+        """The columns that the user names, by quantity, if they exist."""
         named = {name: self.named(QUANTITY_OF[name], text) for name, text in self.given.items()}
         return {name: column for name, column in named.items() if column is not None}
 
@@ -191,13 +191,13 @@ class Header:
 
     @cached_property
     def ocv_columns(self) -> Mapping[str, Column]:
-        """The column of each quantity of a table of OCV over SOC that is named."""
+        """The column of each quantity of a table of OCV over SOC, by the names."""
         return self.find(OCV_QUANTITIES)
 
     @cached_property
     def is_ocv_table(self) -> bool:
-        """True if there are names of SOC and a voltage, but of no record, nor what the user calls
-        the clock or the current of one."""
+        """True if there are names of SOC and a voltage, but none of a record, not even one given
+        for its clock or current."""
         if "SOC" not in self.ocv_columns or len(self.ocv_columns) < 2:
             return False
         is_given = self.given_columns.keys() & (_CLOCKS | _CURRENTS)
@@ -205,8 +205,8 @@ class Header:
 
     @cached_property
     def other_table(self) -> str | None:
-        """The kind of a table that is known to be no record; None for any other."""
-        # Beside samples, a frequency that is spelled out may be one of an impedance at one.
+        """The kind of a known table that is not a record; None for any other."""
+        # A single frequency column next to samples may be that of an impedance at one frequency.
         is_spelled = "frequency" in self._bare and len(self.columns.keys() & NEEDED) < 2
         if ("freq" in self._bare or is_spelled) and any(map(_IMPEDANCE.match, self._bare)):
             return "an impedance spectrum"
@@ -215,10 +215,10 @@ class Header:
         return next(held, None)
 
     def find(self, quantities: Iterable[Quantity]) -> dict[str, Column]:
-        """The column of each quantity that is named, by the quantity's name.
+        """The column of each named quantity, by the quantity's name.
 
-        Where several columns could hold one quantity, the more specific alias wins, then the column
-        that states its unit, then the first of two equal names.
+        If several columns could hold a quantity, the more specific alias wins, then the column that
+        states its unit, then the first of two equal names.
         """
         columns: dict[str, Column] = {}
         bare = (_SIGN.sub("", re.sub("[<>]", "", name)) for name in self._normal)
@@ -232,9 +232,9 @@ class Header:
         return columns
 
     def named(self, quantity: Quantity, given: str) -> Column | None:
-        """The column that the user names, as "NAME" or "NAME:unit"; None where there is none.
+        """The column that the user names, as "NAME" or "NAME:unit"; None if there is none.
 
-        Without a unit, the one at the end of the name holds, or the quantity's own.
+        Without a unit, the one at the end of the name applies, or else the quantity's default.
         """
         if fitting := self.fitting(given):
             return in_its_unit(fitting[0], self.names[fitting[0]], quantity)
@@ -245,8 +245,8 @@ class Header:
         return Column(fitting[0], self.names[fitting[0]], quantity, unit, False, is_unit_given=True)
 
     def fitting(self, given: str) -> list[int]:
-        """The columns that a user's name fits best: written so, or else spelled otherwise, or else
-        with a unit that was joined to it from the row below."""
+        """The columns that fit a user's name best: the same spelling, else another spelling, else
+        with a unit that was added from the row below."""
         plain, bare = normal(given), [name.partition(" [")[0] for name in self._normal]
         for wanted, names in ((given, self.names), (plain, self._normal), (plain, bare)):
             if wanted in names:
@@ -254,10 +254,10 @@ class Header:
         return []
 
     def likely(self, quantity: Quantity) -> list[Column]:
-        """The columns that may be of the quantity although their names are not accepted for it,
-        with the unit at its name's end, if any.
+        """The columns that may hold the quantity although their names are not accepted, with the
+        unit at the end of the name, if any.
 
-        They contain an alias, are spelled nearly like one, or mean it in another language.
+        Their names contain an alias, are spelled similarly, or are a translation.
         """
         long = [alias for alias in quantity.aliases if len(alias) > 2]
         likely = []
@@ -269,7 +269,7 @@ class Header:
         return likely
 
     def with_units(self, below: Sequence[str]) -> "Header":
-        """The names with the units that stand in the cells below them; itself where none do."""
+        """The header with units from the cells below the names; unchanged if there are none."""
         units = [cell.strip("[]()") for cell in below]
         units += [""] * (len(self.names) - len(units))
         columns = {column.index: column for column in self.columns.values()}
@@ -290,9 +290,9 @@ class Header:
 def read_columns(given: Mapping[str, str] | str) -> dict[str, str]:
     """The user's names by quantity, from a mapping or from text such as "current=I[mA]:mA,...".
 
-    A name may hold commas and equality signs, for only a quantity begins the next; one that reads
-    like another quantity, ",amps=", is given in a mapping. Raises InputError for what is no
-    quantity of a record.
+    A name may contain commas and equality signs, because only a quantity begins the next entry; a
+    name that looks like another quantity, such as ",amps=", has to be given in a mapping. Raises
+    InputError for anything that is not a quantity of a record.
 
     >>> read_columns("time=Zeit:min,current=Strom, gemessen:mA")
     {'time': 'Zeit:min', 'current': 'Strom, gemessen:mA'}
@@ -304,7 +304,7 @@ def read_columns(given: Mapping[str, str] | str) -> dict[str, str]:
         parts = re.split(rf"(?:^|,)\s*({quantities})\s*=", given)
         unknown = parts[0].strip() or ("" if len(parts) > 1 else "nothing")
         given = dict(zip(parts[1::2], map(str.strip, parts[2::2]), strict=True))
-        # A mistyped quantity is no part of the name before it.
+        # A mistyped quantity is not taken as part of the previous name.
         others = (re.search(r",\s*(\w+)\s*=", name) for name in given.values())
         unknown = next((other[1] for other in others if other), unknown)
     else:

@@ -1,6 +1,6 @@
-"""The makes whose tables are known, and what they call their columns: data, for `columns`.
+"""Makes of testers with the names of their columns, as data for `columns`.
 
-A new make is one `Dialect` in `DIALECTS`; the first that a header is marked as wins.
+A new make is one `Dialect` in `DIALECTS`; the first whose marks a header has is chosen.
 """
 
 from collections.abc import Mapping
@@ -16,16 +16,16 @@ Sign = Literal["charge-positive", "discharge-positive"]
 
 @dataclass(frozen=True)
 class Dialect:
-    """One make's way to write a table.
+    """The table format of one make.
 
-    `marks` are sets of names ("rec# & amps"): a header that has all of one is this make's. Names
-    are in lower case, with blanks for underscores.
+    `marks` are sets of names ("rec# & amps"): a header with all names of one set is of this make.
+    Names are in lower case, with blanks for underscores.
 
-    `names` gives a quantity's own names, from the most to the least specific; for the others the
-    usual ones hold. A unit, in any spelling, may stand behind a name in the file; where none does,
-    "programmdauer=ms" says what it is. `sign` is what the make's currents mean as a rule, or always
-    where `is_sign_certain`, which only clear evidence outweighs. `logs_at_end` says that a sample's
-    current flowed before it, and `writes_zero_volts` that 0 V is no measurement.
+    `names` lists the names of a quantity, from the most to the least specific; for other quantities
+    the usual names apply. A unit, in any spelling, may follow a name in the file;
+    "programmdauer=ms" gives the unit if none does. `sign` is the make's usual sign of the current;
+    with `is_sign_certain` only clear evidence overrules it. `logs_at_end`: a sample's current
+    flowed before it. `writes_zero_volts`: 0 V is not a measurement.
     """
 
     name: str
@@ -38,14 +38,14 @@ class Dialect:
 
     @cached_property
     def quantities(self) -> tuple[Quantity, ...]:
-        """The quantities that columns of this make's tables may hold."""
+        """The quantities for which this make has names."""
         return tuple(
             replace(quantity, spelled=self.names.get(quantity.name, quantity.spelled))
             for quantity in QUANTITIES
         )
 
     def is_marked(self, names: set[str]) -> bool:
-        """True if the names, each with its unit and without, are those of this make."""
+        """True if the names, each with its unit and without, are of this make."""
         return any(names.issuperset(mark.split(" & ")) for mark in self.marks)
 
 
@@ -57,9 +57,9 @@ DIALECTS: tuple[Dialect, ...] = (
             "test time second & current ampere & voltage volt",
         ),
     ),
-    # Workbooks and CSV of MITS 4 to 8, and .res by the extra `arbin`. Names with underscores
-    # (older), with blanks (MITS 8), or without units (as published by TRI). A sample is logged at
-    # the end of its interval. Counters run on until the schedule resets them.
+    # Workbooks and CSV of MITS 4 to 8, and .res with the extra `arbin`. Names have underscores
+    # (older versions), blanks (MITS 8), or no units (as published by TRI). A sample is logged at
+    # the end of its interval. Counters continue until the schedule resets them.
     Dialect(
         "Arbin",
         marks=(
@@ -73,9 +73,8 @@ DIALECTS: tuple[Dialect, ...] = (
         logs_at_end=True,
     ),
     # BTS 5 to 8, as CSV, workbooks, and the binary files that fastnda reads. Names as in exports of
-    # BTSDA in English and Chinese, and of the library NewareNDA. `Time` and `Relative Time` start
-    # again with each step; older exports have no test clock. The capacity counts from zero in each
-    # step.
+    # BTSDA in English and Chinese, and of the library NewareNDA. `Time` and `Relative Time` restart
+    # with each step; older exports have no test clock. The capacity counts from zero in each step.
     Dialect(
         "Neware",
         marks=(
@@ -113,10 +112,10 @@ DIALECTS: tuple[Dialect, ...] = (
             "net capacity": "capacity|cap|容量",
         },
     ),
-    # Text exports of MIMS (.txt, .csv, or the channel's number as suffix). The current is without a
-    # sign in most, and a column of C, D and R tells the direction. The test clock is printed as
-    # days and hh:mm:ss ("0d 00:00:05.05"), or as a number with its unit; where German settings
-    # print it without, it is minutes. Amp-hr counts from zero in each step.
+    # Text exports of MIMS (.txt, .csv, or the channel number as suffix). In most of them the
+    # current has no sign, and a column with C, D and R gives the direction. The test clock is
+    # printed as days and hh:mm:ss ("0d 00:00:05.05"), or as a number with its unit; in exports with
+    # German settings a number without a unit is in minutes. Amp-hr counts from zero in each step.
     Dialect(
         "Maccor",
         marks=(
@@ -141,10 +140,10 @@ DIALECTS: tuple[Dialect, ...] = (
             "net capacity": "amp-hr|mamp-hr=mAh|capacity|cap.",
         },
     ),
-    # CSV of Battery Manager and BTS-600, and workbooks with German names. A line of units stands
-    # below the names ("[V]", "[ss.xxx]"), and the program's clock may begin with an earlier section
-    # of the program. German exports print both clocks in milliseconds. The last row is the stop of
-    # the program, twice.
+    # CSV of Battery Manager and BTS-600, and workbooks with German names. A line of units follows
+    # the names ("[V]", "[ss.xxx]"), and the program's clock may begin with an earlier section of
+    # the program. German exports print both clocks in milliseconds. The last row, the stop of the
+    # program, occurs twice.
     Dialect(
         "Digatron",
         marks=(
@@ -164,7 +163,7 @@ DIALECTS: tuple[Dialect, ...] = (
             "net capacity": "ahaccu|ahakku|capacity",
         },
     ),
-    # The column line begins with a tilde, as the lines above it do. "Ah" is the net charge.
+    # The header line begins with a tilde, as do the lines above it. "Ah" is the net charge.
     Dialect(
         "Basytec",
         marks=("time & t-step & u & i", "time & dataset & u & i", "t-step & ah-step"),
@@ -183,7 +182,7 @@ DIALECTS: tuple[Dialect, ...] = (
         marks=("run time & step time & potential", "run time & potential & current"),
         names={
             "time": "run time",
-            # Their step types are numbers.
+            # Step types are numbers.
             "state": "",
             "step": "step number|step position",
         },
@@ -211,7 +210,7 @@ DIALECTS: tuple[Dialect, ...] = (
         marks=("time & voltage & current & ah & wh & power",),
         names={"temperature": "battery temp|temperature", "net capacity": "ah"},
     ),
-    # Above the names stands a sheet of the test, with small tables of its own.
+    # Above the names is a summary of the test, with small tables.
     Dialect("PEC", marks=("total time & load on time & step time",), names={"date": "real time"}),
     Dialect(
         "Bitrode",
@@ -224,12 +223,12 @@ DIALECTS: tuple[Dialect, ...] = (
         marks=("pt & t & vf & im", "pt & t & vf & i", "t & vf & im"),
         names={"time": "t=s|time", "current": "im|i", "voltage": "vf|vm"},
     ),
-    # Text exports of EC-Lab and BT-Lab (.mpt, .txt), and .mpr by the extra `biologic`. Names stand
-    # before a slash ("Ewe/V", "<I>/mA", "control/V/mA"). The clock runs from the start of the
-    # acquisition, so that a file that goes on from another starts late. `dq` is the charge of the
-    # interval before the row; galvanostatic techniques store it in place of the current. The
-    # voltage is Ewe, for an .mpr has no Ewe-Ece. EC-Lab exports an average voltage that was not
-    # recorded as 0 V.
+    # Text exports of EC-Lab and BT-Lab (.mpt, .txt), and .mpr with the extra `biologic`. Names
+    # precede a slash ("Ewe/V", "<I>/mA", "control/V/mA"). The clock counts from the start of the
+    # acquisition, so a file that continues another begins late. `dq` is the charge of the interval
+    # before the row; galvanostatic techniques store it in place of the current. The voltage is Ewe,
+    # because an .mpr has no Ewe-Ece. EC-Lab exports 0 V for an average voltage that was not
+    # recorded.
     Dialect(
         "BioLogic",
         marks=(
@@ -252,14 +251,14 @@ DIALECTS: tuple[Dialect, ...] = (
         is_sign_certain=True,
         writes_zero_volts=True,
     ),
-    # Of its names only that of the voltage is nobody else's.
+    # Only the name of the voltage is unique to this make.
     Dialect("PyBaMM", marks=("current [a] & terminal voltage [v]",), sign=DISCHARGE),
     # Ivium and VersaStudio.
     Dialect("Ivium", marks=("time & i & e", "elapsed time & i & e"), names={"voltage": "u|v|e"}),
 )
 PLAIN = Dialect("plain")
 
-# Tables that are no record of one cell over time, by their names, and what to give instead.
+# Tables that are not a record of one cell over time, by their names, and the file to give instead.
 OTHER_TABLES: Mapping[str, str] = {
     "schedule file name & start datetime": "Arbin's description of a test",
     "cycle & vstart & vend": "a table of one row a cycle",

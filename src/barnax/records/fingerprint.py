@@ -1,8 +1,8 @@
-"""Records of the same samples, whatever files they stand in: converted, rounded, cut or thinned.
+"""Records of the same samples in different files: converted, rounded, cut or thinned.
 
-A fingerprint is some samples of a record. Another record holds them where current and voltage are
-alike to within what they were rounded to, once its clock is shifted. Where a test was repeated, or
-run on another cell, the current is alike, and the voltage is not.
+A fingerprint is a selection of a record's samples. Another record contains them if current and
+voltage agree within their rounding once the clock is shifted. If a test was repeated, or run on
+another cell, the current agrees and the voltage does not.
 """
 
 from collections.abc import Iterator
@@ -14,18 +14,19 @@ from jaxtyping import Bool, Float, Int
 from .counters import decimal_step
 from .record import Record
 
-# Time in s, current in A and voltage in V of neighboring samples; how far the latter may differ.
+# Time in s, current in A and voltage in V of neighboring samples, and how far the voltage may
+# differ.
 Run = Float[np.ndarray, "3 samples"]
 Near = Float[np.ndarray, "2 1"]
 
-# So many runs of samples, each about the largest step of the voltage in its part of the record.
+# This many runs of samples, each around the largest voltage step in its part of the record.
 _RUNS, _LENGTH = 8, 12
-# So many samples tell; of them nearly all must be alike, of whole records more, and of those of any
-# run at least half.
+# This many samples are needed; nearly all have to agree, more for whole records, and at least half
+# in each run.
 _FEWEST, _ALIKE, _ALIKE_THROUGHOUT, _HALF = 12, 0.98, 0.995, 0.5
-# Single precision, and what a current may be rounded to, as a share of the largest.
+# Single precision, and the rounding of a current, as a share of the largest.
 _SINGLE, _CURRENT_SHARE = 1e-6, 1e-3
-# A voltage that was read more often than this does not tell its time.
+# A voltage that occurs more often than this does not identify its time.
 _MANY = 1000
 
 
@@ -34,16 +35,16 @@ class Content:
 
     def __init__(self, record: Record):
         self.record = record
-        # What was moved to the voltages' moments is no current of the file: no copy has it.
+        # A current moved to the times of the voltage is not that of the file, so no copy has it.
         current_a = record.current_a + (np.nan if record.voltage_lag_s else 0.0)
         self.run: Run = np.stack([record.time_s, current_a, record.voltage_v])
-        # To what current and voltage were rounded.
+        # The rounding of current and voltage.
         self.rounded = np.array([*map(decimal_step, self.run[1:])])
 
     @cached_property
     def fingerprint(self) -> str:
-        """The first and the last time, and behind semicolons runs of samples, of each its time,
-        current (discharge positive, "nan" of one that was moved) and voltage in s, A and V."""
+        """The first and the last time, then, separated by semicolons, runs of samples: time in s,
+        current in A (discharge positive, "nan" if it was moved) and voltage in V."""
         step_v = np.abs(np.diff(self.run[2]))
         length = min(_LENGTH, len(step_v))
         texts = [f"{self.run[0, 0]:.12g} {self.run[0, -1]:.12g}"]
@@ -55,12 +56,12 @@ class Content:
         return ";".join(texts)
 
     def is_like(self, other: "Content") -> bool:
-        """True if they share a good part of the samples of either."""
+        """True if two records share a good part of the samples of either."""
         return self.holds(other.fingerprint, other) or other.holds(self.fingerprint, self)
 
     def holds(self, fingerprint: str, whole: "Content | None" = None) -> bool:
-        """True if the samples of a fingerprint are among these, so far as the two overlap; and
-        all others too of the record that it is of, where that is given."""
+        """True if the samples of a fingerprint are among these, as far as the two overlap; with the
+        fingerprint's own record given, all its other samples too."""
         (first_s, last_s), runs = read_fingerprint(fingerprint)
         samples = np.concatenate(runs, axis=1)
         rounded = np.maximum(self.rounded, [*map(decimal_step, samples[1:])])
@@ -78,7 +79,7 @@ class Content:
         return np.argsort(self.run[2])
 
     def _likely_shifts(self, samples: Run, near: Near) -> Iterator[float]:
-        """The difference of the clocks that most of some samples may have."""
+        """The shifts of the clock at which most of some samples may agree."""
         time_s, current_a, voltage_v = self.run
         order, (near_a, near_v) = self._by_voltage, near.ravel()
         low = np.searchsorted(voltage_v, samples[2] - near_v, "left", order)
@@ -96,11 +97,11 @@ class Content:
             yield float(np.median(all_s[np.abs(all_s - middle_s) <= width_s]))
 
     def _agrees(self, runs: list[Run], shift_s: float, near: Near, share: float) -> bool:
-        """True if these samples are those of the runs, or lie on the lines between them, or they on
-        lines between these: a copy may be thinned or interpolated."""
+        """True if these samples are those of the runs, or one lies on the lines between the
+        other's: a copy may be thinned or interpolated."""
         around = []
         for run in runs:
-            # Those about the run's, on its clock.
+            # Samples around the run, on its clock.
             first, last = np.searchsorted(self.run[0], run[0, [0, -1]] - shift_s)
             around.append(self.run[:, max(first - 2, 0) : last + 2].copy())
             around[-1][0] += shift_s
@@ -108,7 +109,7 @@ class Content:
 
 
 def read_fingerprint(text: str) -> tuple[tuple[float, float], list[Run]]:
-    """The ends and the runs of a fingerprint. Raises ValueError where the text is none."""
+    """The ends and the runs of a fingerprint. Raises ValueError if the text is not one."""
     ends, *runs = (np.array(part.split(), float) for part in text.split(";"))
     first_s, last_s = ends
     if not runs:
@@ -117,7 +118,7 @@ def read_fingerprint(text: str) -> tuple[tuple[float, float], list[Run]]:
 
 
 def _lie_on(lines: list[Run], points: list[Run], near: Near, share: float) -> bool:
-    """True if that share of the points that overlap with their lines lies on them."""
+    """True if this share of the points that overlap with the lines lies on them."""
     alike: list[np.bool_] = []
     for line, points_beside in zip(lines, points, strict=True):
         is_on = _is_on(line, points_beside, near)
@@ -128,7 +129,7 @@ def _lie_on(lines: list[Run], points: list[Run], near: Near, share: float) -> bo
 
 
 def _is_on(line: Run, points: Run, near: Near) -> Bool[np.ndarray, "points"]:
-    """True for points that overlap with a line and are on it, or like a sample beside them."""
+    """True for points that overlap with a line and lie on it, or equal a neighboring sample."""
     if line.shape[1] < 2:
         return np.zeros(0, bool)
     inside = np.searchsorted(points[0], line[0, [0, -1]] + [-_SINGLE, _SINGLE])
@@ -136,5 +137,5 @@ def _is_on(line: Run, points: Run, near: Near) -> Bool[np.ndarray, "points"]:
     after = np.clip(np.searchsorted(line[0], points[0]), 1, line.shape[1] - 1)
     between = np.array([np.interp(points[0], line[0], row) for row in line[1:]])
     candidates = np.stack([line[1:, after - 1], line[1:, after], between])
-    # A current that is not a number is like any.
+    # NaN agrees with any current.
     return ~np.any(np.abs(points[1:] - candidates) > near, axis=1).all(axis=0)

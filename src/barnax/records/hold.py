@@ -1,14 +1,14 @@
-"""The hold of a sample's current: over the interval after it, the one before it, or half of both.
+"""When a sample's current flowed: in the interval after it, the one before it, or half of both.
 
-Testers that log a sample at the end of its interval (Arbin) prove it by their own ampere-hour
-counters: the increments follow the current of the interval's last sample. A column that holds the
-mean current of the interval before the row says so by its name.
+Testers that log a sample at the end of its interval (Arbin) can be recognized by their ampere-hour
+counters: the increments follow the current of the interval's last sample. A column with the mean
+current of the interval before the row has a name that says so.
 
-The rows of a slow log are means over their intervals, or samples of an instant, where the load
-changes between them. Of instants the charge between them is not known, so that the voltage wanders
-from what the logged current tells, and keeps what it gained: the differences between rows that a
-circuit leaves are innovations. Of means the charge is right, and what is left is of each row alone,
-as noise is: its differences have a correlation of -1/2 with the next.
+The rows of a slow log are means over their intervals or instantaneous samples, if the load changes
+between them. With instantaneous samples the charge between them is unknown, so the voltage drifts
+away from the logged current and stays there: the differences between rows that a circuit leaves are
+innovations. With means the charge is right, and what remains is independent for each row, as noise
+is: its differences have a correlation of -1/2 with the next.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,25 +28,25 @@ from .samples import STEADY_SHARE, Samples, changes_through_values_between
 
 Increments = Float[np.ndarray, "intervals"]
 Rows = Float[np.ndarray, "rows"]
-# Ah of intervals: as counted, and by their last and their first sample's current.
+# Ah of intervals: as counted, and by the current of their last and their first sample.
 Ledger = Float[np.ndarray, "3 intervals"]
 
-# Inside a drive cycle that beats against the log, some dozens of intervals in a row can look like
-# either hold, so the intervals at large must agree far better than the changes of step.
+# In a drive cycle that beats against the log, several dozen intervals in a row can look like either
+# hold, so all intervals have to agree far better than those at changes of step.
 _AT_CHANGES = {"fewest": 2, "margin": 0.5}
 _ANYWHERE = {"fewest": 20, "margin": 0.05}
-# One change of step proves nothing, but is better evidence than whose file it is.
+# One change of step is no proof, but is better evidence than the make of the file.
 _AT_ONE = {"fewest": 1, "margin": 0.2}
 _AGREEING = 0.8
-# The share of intervals that may hold a fall of a counter that was not seen as one.
+# The share of intervals that may contain an undetected reset of a counter.
 _FALLS = 0.05
-# A log is slow from this interval on. A current differs from a neighbor by this share of the
+# A log is slow from this interval on. A current differs from its neighbor if by this share of the
 # largest.
 _SLOW_S, _ALONE_SHARE = 2.5, 0.05
 
 
 def decide_hold(evidence: SamplingEvidence, given: AutoHold, logger: Logger | None) -> Decision:
-    """The record's hold: given, else by its counters, else that of its logger."""
+    """The record's hold: as given, else by its counters, else that of its logger."""
     if given == "auto":
         return (logger or Logger.of([evidence])).sampling(evidence)
     reason, proof = "given by the user", evidence.proof
@@ -56,8 +56,8 @@ def decide_hold(evidence: SamplingEvidence, given: AutoHold, logger: Logger | No
 
 
 def sampled(record: Any, loggers: Mapping[tuple[str, ...], Logger]) -> Any:
-    """The record with the sampling of its logger, where it has no firmer one; what is none as it
-    is."""
+    """The record with the sampling of its logger, unless it has stronger evidence of its own;
+    anything but a record is returned unchanged."""
     evidence = record.evidence if isinstance(record, Record) else None
     logger = loggers.get(evidence.header) if evidence else None
     if evidence is None or logger is None:
@@ -67,8 +67,8 @@ def sampled(record: Any, loggers: Mapping[tuple[str, ...], Logger]) -> Any:
 
 
 def sampled_as(record: Record, others: Sequence[Record]) -> Record:
-    """The record with the sampling that the voltage of others of its logger has decided, where its
-    own is only assumed."""
+    """The record with the sampling that the voltages of other records of its logger have decided,
+    if its own is only assumed."""
     for other in others:
         is_decided = other.hold.strength == "weak" and record.hold.strength == "assumed"
         headers = [one.evidence and one.evidence.header for one in (record, other)]
@@ -78,7 +78,7 @@ def sampled_as(record: Record, others: Sequence[Record]) -> Record:
 
 
 def evidence_of(samples: Samples, name: str) -> SamplingEvidence:
-    """What the samples of a record show of its logger."""
+    """The evidence of a record's samples about its logger."""
     proof, column = _from_counters(samples), samples.columns["current"]
     # "<I>/mA", or the charge of each interval.
     is_mean = column.header.startswith("<") or column.quantity.name == "charge of the interval"
@@ -91,19 +91,19 @@ def evidence_of(samples: Samples, name: str) -> SamplingEvidence:
 
 
 def _from_counters(samples: Samples) -> Decision | None:
-    """The hold under which the current integrates to the tester's counters, with clear margin.
+    """The hold with which the current integrates to the tester's counters, by a clear margin.
 
-    Where the tester's step number changes, the current switches in time with the log, so these
-    intervals decide. Inside a step that plays a drive cycle, the current switches on a clock of
-    its own and anywhere between two samples, which proves neither hold; such intervals are asked
-    only where the file has no step changes that tell. Where these prove nothing either, a lone
-    change of step decides, unless the other intervals are against it.
+    At a change of the tester's step number the current switches in time with the log, so these
+    intervals decide. Within a step that plays a drive cycle, the current switches on its own clock,
+    anywhere between two samples, which proves neither hold; such intervals are used only if the
+    file has no informative changes of step. If these prove nothing either, a single change of step
+    decides, unless the other intervals contradict it.
     """
     telling, indices = _ledger(samples)
     apart_ah = np.abs(telling[1] - telling[2])
     if not apart_ah.any():
         return None
-    # As shares, for the squares of absurd charges are beyond all numbers.
+    # As shares, because the squares of absurd charges overflow.
     weight = (apart_ah / apart_ah.max()) ** 2
     fraction = float(np.average(_fractions(telling), weights=weight))
     step = np.zeros(len(samples)) if samples.step is None else samples.step
@@ -125,16 +125,16 @@ def _from_counters(samples: Samples) -> Decision | None:
 
 
 def _fractions(ledger: Ledger) -> Increments:
-    """The share of each interval for which its last sample's current flowed."""
+    """The share of each interval in which the current of its last sample flowed."""
     counted_ah, backward_ah, forward_ah = ledger
     return (counted_ah - forward_ah) / (backward_ah - forward_ah)
 
 
 def _verdict(ledger: Ledger, word: str, *, fewest: int, margin: float) -> Decision | None:
-    """The hold that these intervals prove, if they do.
+    """The hold that these intervals prove, if any.
 
-    Its residual must be below `margin` times the other's, and most intervals must agree, one by
-    one: a large one alone proves nothing.
+    Its residual has to be below `margin` times the other's, and most single intervals have to
+    agree, because one large interval proves nothing.
     """
     count = ledger.shape[1]
     if count < fewest:
@@ -154,10 +154,10 @@ def _verdict(ledger: Ledger, word: str, *, fewest: int, margin: float) -> Decisi
 
 
 def _ledger(samples: Samples) -> tuple[Ledger, Int[np.ndarray, "telling"]]:
-    """The ampere-hours of the intervals that tell, and their places.
+    """The ampere-hours of the informative intervals, and their indices.
 
-    An interval tells where its two currents differ by far more than the counters resolve, and
-    where no counter was reset.
+    An interval is informative if its two currents differ by far more than the resolution of the
+    counters, and no counter was reset.
     """
     counters, quantum_ah = samples.counters, samples.counters.quantum_ah
     counted_ah = counters.magnitudes_ah()
@@ -170,11 +170,11 @@ def _ledger(samples: Samples) -> tuple[Ledger, Int[np.ndarray, "telling"]]:
     if is_unsigned:
         moved_ah = tuple(map(np.abs, moved_ah))
     backward_ah, forward_ah = moved_ah
-    # The counters' own sign may be opposite to the file's.
+    # The sign of the counters may be opposite to the file's.
     if inner(counted_ah, backward_ah) + inner(counted_ah, forward_ah) < 0:
         counted_ah = -counted_ah
     largest_ah = max(max(charge_ah.max(), -charge_ah.min()) for charge_ah in moved_ah)
-    # A hundredth of the record's largest step of charge keeps the noise of the current out.
+    # A hundredth of the record's largest step of charge excludes noise of the current.
     floor_ah = max(5 * quantum_ah, 0.01 * float(largest_ah))
     apart_ah = backward_ah - forward_ah
     indices = np.flatnonzero((apart_ah > floor_ah) | (apart_ah < -floor_ah))
@@ -187,24 +187,26 @@ def _ledger(samples: Samples) -> tuple[Ledger, Int[np.ndarray, "telling"]]:
 
 
 def _spread(values: Increments) -> float:
-    """The RMS without the largest few: a net counter that begins anew near zero hides the fall."""
+    """The RMS without the largest few values: a net counter that restarts near zero hides the
+    reset."""
     smallest = np.sort(np.abs(values))[: len(values) - int(_FALLS * len(values))]
     return float(np.sqrt(np.mean(smallest**2)))
 
 
 # Time constants of pairs in rows, and SOC nodes of R0 and of the OCV.
 _TAUS, _R0_NODES, _OCV_NODES = (1.0, 3.0, 10.0, 30.0), 5, 11
-# No circuit follows near empty and full; between, each column needs this many rows.
+# No circuit follows a cell that is nearly empty or full; in between, each column needs this many
+# rows.
 _INSIDE, _FEWEST = (0.15, 0.98), 3
-# Innovations are looked for in so many rows at a time, as shares of the noise.
+# Innovations are estimated over this many rows at a time, as shares of the noise.
 _BLOCK, _SHARES = 64, np.concatenate([[0.0], np.geomspace(1e-3, 1e2, 40)])
 
 
 def slow_rows(samples: Samples) -> SlowRows | None:
-    """What a slow record shows of its rows; None where its load seldom changes from row to row."""
+    """The evidence of a slow record's rows; None if its load seldom changes from row to row."""
     if samples.interval_s < _SLOW_S:
         return None
-    # Samples under load, and those of them whose current differs from both neighbors'.
+    # Samples under load, and those whose current differs from that of both neighbors.
     is_changed = np.abs(samples.step_a) > _ALONE_SHARE * samples.peak_a
     is_loaded = np.abs(samples.current_a[1:-1]) > STEADY_SHARE * samples.peak_a
     is_alone = is_changed[1:] & is_changed[:-1] & is_loaded
@@ -214,7 +216,7 @@ def slow_rows(samples: Samples) -> SlowRows | None:
         return None
     shown = loaded, alone, through
     charge_ah = np.append(0.0, np.cumsum(samples.held_ah("centered")))
-    # Charging raises the voltage, whichever sign it has in the file.
+    # Charging raises the voltage, whatever its sign in the file.
     charge_ah *= np.sign(np.cov(charge_ah, samples.voltage_v)[0, 1])
     left = _left_v(samples.current_a, samples.voltage_v, charge_ah)
     if left is None:
@@ -226,7 +228,8 @@ def slow_rows(samples: Samples) -> SlowRows | None:
 
 
 def _left_v(current_a: Rows, voltage_v: Rows, charge_ah: Rows) -> tuple[Rows, Rows] | None:
-    """Residuals of the voltage's differences after R0 and OCV over SOC and pairs, and those."""
+    """Residuals of the voltage's differences after R0 and OCV over SOC and pairs, and the
+    differences."""
     moved_v = np.diff(voltage_v)
     if not np.ptp(charge_ah) > 0:
         return None
@@ -255,9 +258,9 @@ def _hats(at: Rows, first: float, nodes: int) -> list[np.ndarray]:
 
 
 def _innovation(left_v: Rows, moved_v: Rows) -> float:
-    """The innovations of the voltage as a share of what it moves, by its median block.
+    """The innovations of the voltage as a share of its changes, in the median block.
 
-    The most likely share of a random walk beside white noise, by Whittle's likelihood.
+    The maximum of Whittle's likelihood of a random walk plus white noise.
     """
     shares = []
     blocks = max(len(left_v) // _BLOCK, 1)

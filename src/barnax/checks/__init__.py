@@ -1,4 +1,4 @@
-"""Checks of a file: what is wrong with it, how to mend it, and what it can serve as."""
+"""Checks of a file: what is wrong with it, how to repair it, and what it can be used for."""
 
 from .check_file import CHECKS, FileCheck, check_file
 from .roles import Role

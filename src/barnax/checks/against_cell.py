@@ -1,4 +1,4 @@
-"""Checks that a record is of the OCV test's cell, by charge, voltage and temperature."""
+"""Checks that a record is of the same cell as the OCV test, by charge, voltage and temperature."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -13,37 +13,39 @@ from ..records import Record
 from ..records.quantities import FAHRENHEIT
 from ..records.record import LEAST_REACH, reach_of_steps
 
-# A mistake of unit or range multiplies the charge by one of these; a wrong capacity by another.
+# A mistake of unit or range multiplies the charge by one of these; a wrong capacity by some other
+# factor.
 _UNITS = {60.0: "minutes", 3600.0: "hours", 1e-3: "milli", 1e3: "small"}
 _CAPACITIES = np.geomspace(0.25, 4, 49)
-# What a current that is measured over a wrong range does too, unless the tester counts it.
+# The factors of a current measured over a wrong range, unless the tester counts it.
 _RANGES, _NEAR = {2.0: "half", 0.5: "twice"}, 0.03
 # The smallest distance of most voltages from the OCV that is reported, the share of it that another
 # charge must remove, and a distance that no unit explains.
 _APART_V, _VANISHES, _ELSEWHERE_V = 0.03, 0.5, 0.15
 _LEFT, _FAR_V = 0.2, 0.25
 _MOST = 0.75
-# The number of samples that are compared, preferably those of a small current.
+# Number of samples that are compared, preferably at a small current.
 _SAMPLES, _SMALL_HOURS = 400, 5.0
-# A load that lasts so long leaves the OCV by so many more times the resistance of its steps.
+# A load of this duration leaves the OCV by this many more times the resistance of its steps.
 _SLOW_S, _SLOW_TIMES = 120.0, (0.0, 1.0, 2.0, 3.0, 4.0)
 _STARTS = 61
 # The parameters of a cell change noticeably over this many degrees.
 _DEGREES = 5.0
-# From here on a temperature may be one of Fahrenheit, 15 degC, in a column that is named otherwise.
+# From this value on, a temperature in a column with another name may be in Fahrenheit (15 degC).
 _WARM_DEGC = 59.0
 Chosen = Float[np.ndarray, "chosen"]
 # In degC, by the names of files.
 Temperatures = Sequence[tuple[str, float | None]]
-# Records of one cell that are logged as fast, within such a factor, have resistances so much alike.
+# Records of one cell with sampling intervals within the first factor have resistances within the
+# second.
 _AS_FAST, _ALIKE = 2.0, 1.5
 
 
 def follow(record: Record, cell: CellModel, capacity_ah: float) -> Callable[[float], float]:
-    """The voltage's distance from the cell's OCV, for a factor on the charge, at the best start and
-    with as much of a slow answer to the load as brings it nearest.
+    """The voltage's distance from the cell's OCV for a factor of the charge, at the best start and
+    with the amount of a slow response to the load that brings it nearest.
 
-    Between the OCV points and full or empty only a voltage on the other side of theirs counts.
+    Between the OCV points and full or empty, only a voltage beyond theirs counts.
     """
     source_v, passed, slow_v = _source(record, capacity_ah)
     soc = np.linspace(*cell.soc_range, 501)
@@ -70,14 +72,14 @@ def follow(record: Record, cell: CellModel, capacity_ah: float) -> Callable[[flo
 
 
 def _source(record: Record, capacity_ah: float) -> tuple[Chosen, Chosen, Chosen]:
-    """The voltage without R I, the charge taken out as a share of the capacity, and R times the
+    """The voltage without R I, the discharged charge as a share of the capacity, and R times the
     mean current of the two minutes before."""
     small_a = capacity_ah / _SMALL_HOURS
     at = np.flatnonzero(np.abs(record.current_a) < small_a)
     if len(at) < _SAMPLES:
         at = np.arange(record.samples)
     passed = record.discharged_ah / capacity_ah
-    # Evenly over the charge, or one long rest would outweigh all else.
+    # Evenly over the charge, or one long rest would outweigh everything else.
     order = at[np.argsort(passed[at], kind="stable")]
     wanted = np.linspace(passed[order[0]], passed[order[-1]], _SAMPLES)
     chosen = order[np.minimum(np.searchsorted(passed[order], wanted), len(order) - 1)]
@@ -90,8 +92,8 @@ def _source(record: Record, capacity_ah: float) -> tuple[Chosen, Chosen, Chosen]
 def compare_with_cell(
     record: Record, cell: CellModel, capacity_ah: float | None = None
 ) -> list[Notice]:
-    """Notices that the record's charge or voltage is not of the cell that the OCV test shows: an
-    error where no unit makes its charge fit."""
+    """Notices that the record's charge or voltage is not that of the cell in the OCV test: an error
+    if no unit makes its charge fit."""
     capacity_ah = capacity_ah or cell.capacity_ah
     apart_v = follow(record, cell, capacity_ah)
     given_v = apart_v(1.0)
@@ -103,7 +105,7 @@ def compare_with_cell(
     is_near = bool(np.isfinite(given_v))
     values: dict[str, Any] = {"apart": "voltage" if is_near else "charge"}
     values["apart_v"] = given_v if is_near else None
-    # A large load leaves the OCV by some more, whatever its unit.
+    # A large load leaves the OCV somewhat further, whatever its unit.
     allowed_v = max(_APART_V, _LEFT * min(given_v, _FAR_V))
     if best_v < min(_VANISHES * given_v, allowed_v):
         values |= {"mistake": _UNITS.get(factor, "capacity"), "best_v": best_v, "factor": factor}
@@ -118,7 +120,7 @@ def compare_with_cell(
         if not is_near and is_assumed and span_ah > cell.capacity_ah:
             spans = {"span_ah": span_ah, "capacity_ah": cell.capacity_ah}
             return [Notice("cell.more-charge", spans)]
-        # Charge that fits nowhere ends in an error sooner or later.
+        # Charge that fits nowhere leads to an error sooner or later.
         values["ocv"] = "records" if cell.ocv_is_fitted else None
         return [Notice("cell.other", values).rated("warning" if is_near else "error")]
     return []
@@ -146,12 +148,12 @@ def compare_temperatures(
 
 
 def compare_resistances(records: Sequence[tuple[Record, float | None]]) -> list[Notice]:
-    """A notice of each record whose current steps show another resistance than those of most do,
-    at about the same temperature and logged about as fast. Of two, the first one says it."""
+    """A notice of each record whose current steps show a different resistance from most of those at
+    about the same temperature and logged about as fast. Of two records, the first one has it."""
     determined = []
     for record, degc in records:
         step_ohm, charge_ah = record.resistance_ohm, record.discharged_ah
-        # The steps of a charge are all at its ends, where the resistance is another.
+        # The steps of a charge are all at its ends, where the resistance differs.
         reach_ah = reach_of_steps(record.current_a, charge_ah)
         if step_ohm and reach_ah > LEAST_REACH * np.ptp(charge_ah):
             determined.append((step_ohm, record, degc))

@@ -1,4 +1,5 @@
-"""Ampere-hours: by integration, by counters, against the capacity, and in rests with a current."""
+"""Ampere-hours: by integration, by counters, relative to the capacity, and in rests with a
+current."""
 
 from collections.abc import Iterator
 
@@ -12,23 +13,23 @@ from ..records.record import runs
 from ..records.samples import STEADY_SHARE
 from .check_input import CheckInput
 
-# As shares of all the charge that went in and out. Testers integrate between the samples that
-# they log, so that a fast current and slow samples differ by a percent.
+# As shares of the whole charge in both directions. Testers integrate between the samples that they
+# log, so a fast current with slow samples differs by a percent.
 _COUNTERS_DIFFER, _COUNTERS_NOTED = 0.03, 0.01
-# Counters are rounded at both ends; this many quanta are no difference.
+# Counters are rounded at both ends; this many quanta are not a difference.
 _QUANTA = 3
-# A factor that every tenth of the charge has to this is a wrong unit or range, and no hole.
+# A factor that every tenth of the charge has within this is a wrong unit or range, not a gap.
 _SCALED, _PARTS = 0.1, 10
-# A counter that stands this far from zero at the start began before the record.
+# A counter this far from zero at the start began before the record.
 _BEGUN_SHARE = 0.01
 _HARDLY_MOVES, _MOVED_V = 0.02, 0.3
 
 
 def find_counters(given: CheckInput) -> Iterator[Notice]:
-    """Counters of the tester that disagree with the integrated current, or began before."""
+    """Counters of the tester that disagree with the integrated current, or began earlier."""
     record, counters = given.record, given.samples.counters
     in_ah, out_ah = given.charged_ah, given.discharged_ah
-    # All the charge by the hold that was not taken.
+    # All the charge by the other hold.
     other = "forward" if record.hold.value == "backward" else "backward"
     held_ah = float(np.sum(np.abs(given.samples.held_ah(other))))
     if not counters.both:
@@ -68,7 +69,7 @@ def find_counters(given: CheckInput) -> Iterator[Notice]:
 
 
 def _is_scaled(given: CheckInput, ratio: float) -> bool:
-    """True if the integral is that share of the counted charge in every part of the record."""
+    """True if the integral is this share of the counted charge in every part of the record."""
     counted_ah = given.samples.counters.increments_ah(with_net=False)
     assert counted_ah is not None, "both counters are there"
     passed_ah = np.cumsum(np.abs(counted_ah))
@@ -96,7 +97,7 @@ def find_capacity(given: CheckInput) -> Iterator[Notice]:
 
 
 def find_closure(given: CheckInput) -> Iterator[Notice]:
-    """A full discharge and a full charge in one record that do not pass the same charge."""
+    """A full discharge and a full charge in one record with different charge."""
     of_direction = {sweep.direction: sweep for sweep in given.ocv.sweeps}
     if len(of_direction) < 2:
         return
@@ -114,18 +115,18 @@ def find_closure(given: CheckInput) -> Iterator[Notice]:
     yield given.at(at, "closure.open", **values)
 
 
-# A rest is looked for where a current below C/20 and a fair part of the peak is steady for so many
-# samples.
+# A rest is possible where a current below C/20 and below a fair part of the peak is steady for this
+# many samples.
 _LOAD_HOURS, _SMALL_SHARE, _FEWEST = 20.0, 0.15, 5
-# The shortest rest, and the share of the time at rest that must have the offset, and that may have
-# none.
+# The shortest rest, the share of the time at rest that has to have the offset, and the share that
+# may have none.
 _LONG_S, _MOST, _FEW = 60.0, 0.5, 0.05
-# An offset is more than one step of the reading, and more than noise makes.
+# An offset is larger than one step of the reading, and than noise.
 _OFFSET_QUANTA, _SIGMAS = 1.5, 5.0
-# Only this many of the longest runs are looked at.
+# Only this many of the longest runs are examined.
 _ENOUGH = 1000
-# In the second half of a rest the voltage hardly moves, as it does in a slow sweep, and the current
-# is steady, as it is not in a taper.
+# In the second half of a rest the voltage hardly moves, unlike in a slow sweep, and the current is
+# steady, unlike in a taper.
 _SETTLED_V, _SPREAD = 0.01, 0.3
 # An offset's ampere-hours over the record, as shares of the capacity.
 _DRIFT, _NOTED_DRIFT = 0.01, 5e-3
@@ -150,7 +151,7 @@ def _rests(given: CheckInput) -> list[tuple[int, int, float]]:
     last = last_interval + 1
     length_s = record.time_s[last] - record.time_s[first]
     chosen = last - first + 1 >= _FEWEST
-    # Some short runs may be loads; they count only where there are no long ones.
+    # Some short runs may be loads; they count only if there are no long ones.
     if np.any(chosen & (length_s >= _LONG_S)):
         chosen &= length_s >= _LONG_S
     indices = np.flatnonzero(chosen)
@@ -163,7 +164,7 @@ def _rests(given: CheckInput) -> list[tuple[int, int, float]]:
         drift_a = abs(np.median(current_a[:third]) - np.median(current_a[-third:]))
         is_steady = drift_a <= _SPREAD * abs(middle_a) + 2 * given.resolution_a
         is_settled = np.ptp(voltage_v) <= _SETTLED_V + 4 * given.samples.noise_v
-        # What the tester itself counted the charge of is no rest.
+        # If the tester itself counted the charge, it is not a rest.
         counted_ah = sum(float(counter[b] - counter[a]) for counter in counters)
         is_counted = 0 < 0.5 * abs(float(moved_ah[a:b].sum())) < counted_ah
         if is_steady and is_settled and not is_counted:
@@ -172,7 +173,7 @@ def _rests(given: CheckInput) -> list[tuple[int, int, float]]:
 
 
 def _turnover_ah(given: CheckInput) -> float:
-    """The capacity, or the charge that went either way: an offset may cancel the net charge."""
+    """The capacity, or the charge in either direction: an offset may cancel the net charge."""
     return given.capacity_ah or max(given.charged_ah, given.discharged_ah)
 
 
@@ -186,12 +187,12 @@ def _offset(given: CheckInput, rests: list[tuple[int, int, float]]) -> Iterator[
     offset_a = float(values_a[order[middle]])
     near_a = _SPREAD * abs(offset_a) + 2 * given.resolution_a
     is_alike = np.abs(values_a - offset_a) <= near_a
-    # Zero counts in the shortest rests too: a small current beside it is a load.
+    # Zero counts even in the shortest rests: a small current elsewhere is then a load.
     is_zero = np.abs(record.current_a) <= near_a
     zero_s = record.interval_s[is_zero[1:] & is_zero[:-1]].sum()
     if lengths_s[is_alike].sum() < _MOST * all_s or zero_s > _FEW * all_s:
         return
-    # The largest median of the currents of so many samples at rest that noise may make.
+    # The largest median that noise may cause in this many samples at rest.
     peak_a, step_a = given.samples.peak_a, np.abs(given.samples.step_a)
     is_small = np.abs(record.current_a) < _SMALL_SHARE * peak_a
     quiet_a = step_a[is_small[1:] & (step_a < STEADY_SHARE * peak_a)]
@@ -199,7 +200,7 @@ def _offset(given: CheckInput, rests: list[tuple[int, int, float]]) -> Iterator[
     doubt_a = _SIGMAS * 1.25 * noise_a / float(np.sqrt(np.sum(last - first + 1)))
     if abs(offset_a) <= max(_OFFSET_QUANTA * given.resolution_a, doubt_a):
         return
-    # Short and above what counts as rest, they are as likely the small loads of a drive cycle.
+    # Short runs above what counts as rest may as well be the small loads of a drive cycle.
     is_large = abs(offset_a) >= turnover_ah / 100
     if is_large and lengths_s.max() < _LONG_S:
         return

@@ -1,4 +1,4 @@
-"""Everything that is wrong with a file, and what it can serve as."""
+"""Everything that is wrong with a file, and what it can be used for."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -67,7 +67,7 @@ class FileCheck(Brief):
 
     @property
     def is_clean(self) -> bool:
-        """True if nothing but notes was found."""
+        """True if there are only notes."""
         return not any(finding.counts for finding in self.findings)
 
     def to_dict(self) -> Json:
@@ -96,8 +96,8 @@ def check_file(
     """Every problem in a cycler file, and what the file can be used for.
 
     The rules are those of `read_record`, which raises the first error, and others on the record as
-    a whole. Each problem is fixed as far as possible before looking for the next, so that one does
-    not hide another.
+    a whole. Each problem is repaired as far as possible before the next rule is applied, so that
+    one does not hide another.
 
     Args:
         source: The file.
@@ -123,7 +123,7 @@ def check_file(
     samples, examined = examine(source, capacity_ah)
     findings = [*examined]
     roles, traits = (), None
-    # Absurd values overflow before they are found out.
+    # Absurd values overflow before they are detected.
     with np.errstate(all="ignore"):
         if samples is not None and samples.intervals_s.min() > 0 and samples.peak_a > 0:
             within = examine_voltage_range(samples)

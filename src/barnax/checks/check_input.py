@@ -1,4 +1,4 @@
-"""A record as the checks see it, mended so far as it could be, and traits that tell its kind."""
+"""A record as the checks use it, repaired as far as possible, and traits that show its kind."""
 
 import math
 from collections.abc import Callable, Iterable
@@ -27,12 +27,12 @@ _FEWEST_READINGS, _MAX_STEPS = 20, 0.9
 
 @dataclass(frozen=True, eq=False)
 class CheckInput:
-    """A file's samples, in its own sign of current, and the record made of them, each voltage in
-    the row of its current.
+    """A file's samples, with the file's sign of the current, and the record made of them, with each
+    voltage in the row of its current.
 
     Both have the same samples. `capacity_ah` and `given_rest_a`, the current below which the cell
-    rests, are the user's. `lag` is that of the voltage, None where it has none or one is given. The
-    voltage of a sample stands `late_rows` further down in the file.
+    rests, are the user's. `lag` is that of the voltage, None if it has none or one is given. The
+    voltage of a sample is `late_rows` further down in the file.
     """
 
     samples: Samples
@@ -45,9 +45,9 @@ class CheckInput:
 
     @classmethod
     def of(cls, samples: Samples, record: Record, lag_s: float | None, **user: Any) -> Self:
-        """The input of the checks with the user's values; a lag of None is looked for.
+        """The input of the checks with the user's values; with None, the lag is estimated.
 
-        Raises `InputError` for a lag that is no number, or is longer than the record.
+        Raises `InputError` for a lag that is not a number, or is longer than the record.
         """
         require_lag(record, lag_s or 0.0)
         lag = find_lag(record) if lag_s is None else None
@@ -62,12 +62,12 @@ class CheckInput:
 
     @cached_property
     def charged_ah(self) -> float:
-        """All the charge that went in."""
+        """All the charge that entered the cell."""
         return float(np.sum(np.maximum(-self.record.moved_ah, 0)))
 
     @cached_property
     def discharged_ah(self) -> float:
-        """All the charge that came out."""
+        """All the charge that left the cell."""
         return float(np.sum(np.maximum(self.record.moved_ah, 0)))
 
     @cached_property
@@ -92,7 +92,7 @@ class CheckInput:
 
     @cached_property
     def response_ohm(self) -> float:
-        """The resistance that most steps of the current stay below, two samples after them.
+        """The resistance that most current steps stay below, two samples after them.
 
         A voltage that is logged late shows less at the step itself.
         """
@@ -105,11 +105,11 @@ class CheckInput:
 
     @cached_property
     def ocv(self) -> OcvSweeps:
-        """The OCV sweeps of the record, or why it is no OCV test."""
+        """The OCV sweeps of the record, or the reason why it is not an OCV test."""
         return find_sweeps(self.record, self.capacity_ah)
 
     def indices(self, channel: str) -> Int[np.ndarray, "samples"]:
-        """Where the file has each sample's reading of a channel."""
+        """The index in the file of each sample's reading of a channel."""
         late = self.late_rows if channel == "voltage" else 0
         return np.clip(np.arange(self.record.samples) + late, 0, self.record.samples - 1)
 
@@ -133,31 +133,32 @@ Kind = Literal[
     "OCV test", "slow sweep", "pulse test", "drive cycle", "capacity test", "charge", "no test"
 ]
 
-# The share of R0 that its 95 % interval may reach to either side, and the sampling interval that
-# still shows what follows a step of the current.
+# The share of R0 that its 95 % interval may reach to either side, and the longest sampling interval
+# that still shows the response after a current step.
 MAX_HALF_WIDTH, FINE_S = 1 / 3, 10.5
-# The standard deviation of log R0 between the first step and the last, by which it is predicted
-# between steps: a random walk, for R0 follows the SOC.
+# The standard deviation of log R0 between the first step and the last, from which it is predicted
+# between steps: a random walk, because R0 depends on the SOC.
 _DRIFT, _BETWEEN = 0.5, 201
-# Steps that reach over less of the capacity, or the bulk time of a steep end, say little.
+# Steps that extend over a smaller part of the capacity, or the bulk time of a steep end, say
+# little.
 LEAST_SHARE, STEEP_S, _FEWEST_ANSWERS = 0.05, 20.0, 3
-# Pulses and rests alone make two steps a point; an HPPC test has pulses of its own beside them.
+# Pulses and rests alone give two steps per point; an HPPC test has pulses of its own in addition.
 _STEPS_A_POINT = 3
-# A discharge that passes so much of all the charge was one of a capacity test.
+# A discharge of this share of the total charge was part of a capacity test.
 _MOST = 0.8
 
 
 @dataclass(frozen=True)
 class Traits:
-    """Numbers that determine the roles a record can serve in, and `facts` to be shown with them,
+    """Numbers that determine the possible roles of a record, and `facts` to be shown with them,
     with units in the keys.
 
-    `steps` are those of the current that are sampled finely enough; they reach over `reach_ah` of
+    `steps` are the current steps that are sampled finely enough; they extend over `reach_ah` of
     charge. `half_width_at_steps` and `half_width_between` are predicted half-widths of the 95 %
     interval of R0, as shares of it, at the steps and at half of the charge between them; infinite
-    where R0 is not identifiable. `steep_v` is the travel of the voltage where the cell stands at a
-    steep end throughout, else zero. `temperature_degc` is the column's median, else the one in
-    the name, else None.
+    if R0 is not identifiable. `steep_v` is the travel of the voltage if the cell is at a steep end
+    throughout, else zero. `temperature_degc` is the column's median, else the one in the name, else
+    None.
     """
 
     facts: Json = field(default_factory=dict)
@@ -177,12 +178,12 @@ class Traits:
 
     @property
     def is_slow(self) -> bool:
-        """True if all that it holds are slow sweeps."""
+        """True if the record has only slow sweeps."""
         return bool(self.sweeps) and all(sweep.kind == "slow" for sweep in self.sweeps)
 
     def kind(self, capacity_ah: float | None, has_test: bool = False) -> Kind:
-        """The kind of test, for a cell of that capacity; with an OCV test, the fit's interval of R0
-        decides whether the steps of a charge are enough."""
+        """The kind of test, for a cell of this capacity; with an OCV test, the fit's interval of R0
+        decides whether the steps of a charge suffice."""
         if self.sweeps:
             points = sum(len(sweep.points) - 1 for sweep in self.sweeps)
             has_pulses = self.steps >= _STEPS_A_POINT * points
@@ -200,16 +201,17 @@ class Traits:
         return "charge" if self.charged_ah > self.discharged_ah else "no test"
 
     def half_width(self, is_validated: bool) -> float:
-        """The predicted half-width of the interval of R0 that decides whether a record serves: what
-        is validated on need not determine it between the steps."""
+        """The predicted half-width of the interval of R0 that decides whether a record can be used:
+        for validation it need not be determined between the steps."""
         return self.half_width_at_steps if is_validated else self.half_width_between
 
     def missing_for(self, capacity_ah: float | None, is_validated: bool = False) -> str:
-        """The reason why no circuit can be identified, or validated, on it; empty if one can."""
+        """The reason why no circuit can be identified, or validated, on the record; empty if one
+        can."""
         return self.unfit(capacity_ah) or self.steps_lack(capacity_ah, is_validated)
 
     def unfit(self, capacity_ah: float | None) -> str:
-        """The reason that no current steps would change; empty where there is none."""
+        """A reason that no current steps would change; empty if there is none."""
         if self.constant_v is not None:
             return f"every voltage is {self.constant_v:.6g} V"
         if self.is_slow and self.half_width_at_steps <= MAX_HALF_WIDTH:
@@ -235,7 +237,7 @@ class Traits:
             shown = within if half_width < math.inf else "do not determine R0"
             wanted = f"{100 * MAX_HALF_WIDTH:.0f} % is needed without an OCV test"
             return f"{steps} sampled finely enough {shown}; {wanted}"
-        # Without a capacity a dither gives itself away by how often it turns.
+        # Without a capacity, an oscillation is recognized by how often it reverses.
         whole_ah = capacity_ah or self.charged_ah + self.discharged_ah
         if self.reach_ah < LEAST_SHARE * whole_ah:
             share = 100 * self.reach_ah / whole_ah
@@ -244,7 +246,7 @@ class Traits:
         return ""
 
 
-# The traits of a file that is no record.
+# The traits of a file that is not a record.
 NO_TRAITS = Traits()
 
 
@@ -255,9 +257,10 @@ def traits_of(given: CheckInput) -> Traits:
     discharged_ah = record.discharged_ah
     loaded_s = record.interval_s[~given.segments.is_rested[1:]]
     bulk_s, travel_v = given.samples.bulk_time
-    # Of fewer steps that the voltage answers, as a charge has at its ends, none tells a steep end.
+    # With fewer responses of the voltage, as in a charge with steps only at its ends, a steep end
+    # cannot be recognized.
     answered = np.count_nonzero(given.samples.answer_v[given.samples.steps])
-    # The deepest point below the highest one before it: charge taken out without going back up.
+    # The deepest point below the highest one before it: discharged charge without recharging.
     out_ah = discharged_ah - np.minimum.accumulate(discharged_ah)
     at_steps = _half_width(given.samples.step_a[fine], given.samples.answer_v[fine])
     facts = {
@@ -290,7 +293,7 @@ def traits_of(given: CheckInput) -> Traits:
 
 def _half_width(step_a: Float[np.ndarray, "steps"], step_v: Float[np.ndarray, "steps"]) -> float:
     """The half-width of the 95 % interval of the resistance that fits all steps, as a share of it;
-    infinite of fewer than two, for one shows no scatter."""
+    infinite with fewer than two, because one shows no scatter."""
     product = float(np.sum(step_a * step_v))
     if len(step_a) < 2 or product == 0:
         return math.inf
@@ -308,6 +311,6 @@ def _drift(at_ah: Float[np.ndarray, "steps"]) -> float:
     between_ah = np.linspace(ends_ah[0], ends_ah[-1], _BETWEEN)
     after = np.clip(np.searchsorted(ends_ah, between_ah), 1, len(ends_ah) - 1)
     before_ah, after_ah = between_ah - ends_ah[after - 1], ends_ah[after] - between_ah
-    # The variance of a random walk between two of its values that are known.
+    # The variance of a random walk between two known values.
     bridge_ah = before_ah * after_ah / np.maximum(before_ah + after_ah, np.finfo(float).tiny)
     return _DRIFT * math.sqrt(np.median(bridge_ah) / (ends_ah[-1] - ends_ah[0]))

@@ -17,11 +17,11 @@ from ..records.record import SETTLED_V, is_long
 from ..settings import Window
 from .check_input import CheckInput, Kind, Traits
 
-# Current steps inside a step of the tester that make it a profile.
+# This many current steps inside a step of the tester make it a profile.
 _FEWEST_STEPS = 10
-# A record that is profile to this share needs no window.
+# A record with at least this share of profile needs no window.
 _WHOLE = 0.95
-# Intervals up to this many times the usual one under load are sampled alike.
+# Intervals up to this many times the usual one under load count as equally sampled.
 _ALIKE = 1.5
 
 
@@ -45,7 +45,7 @@ class SuggestedWindow:
 
     @property
     def advice(self) -> str:
-        """The options that `identify` takes where not all of a record is to be simulated."""
+        """The options of `identify` if not all of a record is to be simulated."""
         options = [
             f"`{name.removesuffix('_s')}={','.join(f'{n:.10g}' for n in np.atleast_1d(value))}`"
             for name, value in self.options.items()
@@ -58,7 +58,7 @@ def suggest_window(given: CheckInput) -> SuggestedWindow:
     record = given.record
     whole = _from_the_beginning(given)
     step = np.zeros(record.samples, int) if record.step is None else record.step
-    # The tester's step numbers inside which the current steps about.
+    # The tester's step numbers with many current steps inside.
     is_inside = given.samples.is_step & (np.diff(step) == 0)
     numbers, times = np.unique(step[1:][is_inside], return_counts=True)
     numbers = numbers[times >= _FEWEST_STEPS]
@@ -68,7 +68,7 @@ def suggest_window(given: CheckInput) -> SuggestedWindow:
     first, last = int(inside[0]), int(inside[-1])
     if last - first + 1 >= _WHOLE * record.samples:
         return whole
-    # Steps that are met inside the profile only belong to it.
+    # Steps that occur only inside the profile belong to it.
     outside = np.concatenate([step[:first], step[last + 1 :]])
     profile_steps = tuple(np.setdiff1d(step[first : last + 1], outside).tolist())
     at, rest_s = given.segments.rest_before(first)
@@ -87,19 +87,19 @@ def suggest_window(given: CheckInput) -> SuggestedWindow:
         reason = f"{profile} at {record.voltage_v[at]:.4f} V"
         start_s = _clock_before(given, at)
         return SuggestedWindow(reason, Window(start_time_s=start_s, score_steps=profile_steps))
-    # Ampere-hours carry the charge from the record's own beginning.
+    # Ampere-hours carry the charge from the record's beginning.
     reason = f"{profile}; {whole.reason}"
     interval_s = record.interval_s
     loaded_s = float(np.median(interval_s[~given.segments.is_rested[1:]]))
     if np.quantile(interval_s, _WHOLE) <= _ALIKE * loaded_s:
-        # What comes before the profile is simulated anyway, and is just as informative.
+        # The part before the profile is simulated anyway, and is just as informative.
         return replace(whole, reason=f"{reason}; its sampling is uniform")
     window = replace(whole.window, score_steps=profile_steps)
     return replace(whole, reason=reason, window=window, is_settled=is_settled)
 
 
 def _after_charge(given: CheckInput) -> SuggestedWindow | None:
-    """From the end of the rest after a long charge, where all current steps come after it."""
+    """From the end of the rest after a long charge, if all current steps come after it."""
     record, steps = given.record, given.samples.steps
     for _, last in () if given.ocv.sweeps else given.segments.long_loads(1):
         before, after = np.sum(steps < last), np.sum(steps > last)
@@ -129,7 +129,7 @@ def _from_the_beginning(given: CheckInput) -> SuggestedWindow:
 
 
 def _clock_before(given: CheckInput, at: int) -> float:
-    """A time of few digits that selects the sample `at` as the first one not before it."""
+    """A time with few digits that selects sample `at` as the first one not before it."""
     time_s = given.record.time_s
     short = float(f"{math.floor(time_s[at] * 1e3) / 1e3:.10g}")
     return short if at == 0 or short > time_s[at - 1] else float(time_s[at])
@@ -139,7 +139,7 @@ def _full_step(given: CheckInput, step: Int[np.ndarray, "samples"], before: int)
     """The number of the last step before a sample that ends with the cell full."""
     number = None
     for last in given.segments.full_charges(math.inf):
-        # The last block of a step is what `start_after_step` takes.
+        # `start_after_step` uses the last block of a step.
         end = int(np.flatnonzero(step == step[last])[-1])
         if end < before and np.all(step[last:end] == step[last]):
             number = int(step[last])
@@ -169,8 +169,8 @@ def are_unfit(names: Collection[str], warnings: Iterable[Notice], by_steps: bool
 
 
 def require_load(kinds: Mapping[str, Kind]) -> None:
-    """Raise `InputError` for files, by name, of which one is a slow sweep, or none holds changes of
-    current that a circuit follows from: a charge beside a drive shows the other direction."""
+    """Raise `InputError` for files, by name, if one is a slow sweep, or none has changes of current
+    from which a circuit follows: a charge together with a drive shows the other direction."""
     for file, kind in kinds.items():
         if kind == "slow sweep" or (kind == "charge" and set(kinds.values()) == {"charge"}):
             raise Notice("role.no-load", {"what": kind}, file).error()
@@ -178,8 +178,8 @@ def require_load(kinds: Mapping[str, Kind]) -> None:
 
 @dataclass(frozen=True)
 class Role:
-    """A role that a record can serve in or not, why, and the window that it then needs, if any;
-    `half_width` is the predicted share of R0 where only the steps of a record lack something."""
+    """A role that a record can serve in or not, the reason, and the window it needs, if any;
+    `half_width` is the predicted share of R0 if only the current steps are insufficient."""
 
     name: str
     is_usable: bool
@@ -198,7 +198,7 @@ class Role:
 
 
 def find_roles(given: CheckInput, traits: Traits) -> tuple[Role, ...]:
-    """Every role, usable or not."""
+    """Every role, possible or not."""
     window, roles = suggest_window(given), [_ocv_test(given)]
     steps = counted(traits.steps, "current step")
     seen = f"{steps}, sampled every {traits.interval_s:.3g} s under load"

@@ -1,4 +1,4 @@
-"""Holes in a record, clocks that no tester kept, and readings that are too coarse."""
+"""Gaps in a record, clocks that no tester kept, and readings that are too coarse."""
 
 from collections.abc import Iterator
 
@@ -11,21 +11,23 @@ from ..records.record import equal_runs
 from ..records.silence import gaps_in
 from .check_input import FINE_S, CheckInput
 
-# More than this share of all intervals is how the tester samples.
+# An interval in more than this share of all is part of the tester's sampling.
 _MANY = 0.1
-# What a gap hides is of no account below this share of the capacity, and this jump of voltage.
+# The content of a gap does not matter below this share of the capacity, and this jump of voltage.
 _HIDDEN_SHARE, _HIDDEN_V = 1e-3, 0.02
-# A steady load through a gap may have been interrupted; this share of the capacity is of account.
+# A steady load through a gap may have been interrupted; from this share of the capacity on it
+# matters.
 _HELD_SHARE = 0.01
-# Loads left out that are worth a warning, as a share of the capacity.
+# Omitted loads that are worth a warning, as a share of the capacity.
 _SKIPPED_SHARE = 0.03
-# Intervals this long under load, beside others a tenth as long, hide what the load did.
+# Intervals this long under load, next to others a tenth as long, hide the course of the load.
 _COARSE_S, _FINE_SHARE = 30.0, 0.1
 
-# Pairs of measured cells answer in the second sample with at most half this share of the first more
-# than in the fifth, at 0.1 to 1 s and down to -10 degC; a voltage that is filtered, with more.
+# Pairs of measured cells respond in the second sample with at most half this share of the first
+# response more than in the fifth, at 0.1 to 1 s and down to -10 degC; a filtered voltage responds
+# with more.
 _SLOW_SHARE = 0.3
-# No pair takes back so large a share of the first answer in the next sample.
+# No pair takes back so large a share of the first response in the next sample.
 _BACK_SHARE = 0.1
 # From this interval on, part of a sample may be a pair, or a load that changes between rows.
 _ALIKE_S = 0.5
@@ -45,21 +47,21 @@ def find_gaps(given: CheckInput) -> Iterator[Notice]:
         values |= {"gaps": len(rests), "charge": "resting"}
         yield given.at(int(rests[0]) + 1, "gaps.missing", **values)
         gaps = np.setdiff1d(gaps, rests)
-    # Most samples lie as far apart as the shorter ones.
+    # Most samples are as far apart as the closer ones.
     gaps = gaps[interval_s[gaps] > np.median(interval_s)]
     if not 0 < len(gaps) <= max(1, _MANY * len(interval_s)):
         return
     jump_v = np.abs(np.diff(given.record.source_v)[gaps])
     is_between_rests = given.segments.is_rested[gaps] & given.segments.is_rested[gaps + 1]
-    # Between rests of two voltages a load was left out.
+    # Between rests at two voltages a load was left out.
     is_lost = is_between_rests & (jump_v > _HIDDEN_V)
     counted_ah, doubt_ah = record.charge_ah, 0.0
     if counted_ah is not None:
-        # The tester counted on, unless its counter stood still or began anew.
+        # The tester's counter continued, unless it stood still or restarted.
         is_lost &= np.abs(np.diff(counted_ah)[gaps]) <= _HELD_SHARE * given.scale_ah
     else:
-        # The charge is in doubt by as much as the current moves beside the gap, and not between
-        # rests of one voltage.
+        # The charge is uncertain by the range of the current next to the gap, except between rests
+        # at one voltage.
         beside = np.clip(gaps[:, None] + np.arange(-2, 4), 0, record.samples - 1)
         doubt_a = np.ptp(record.current_a[beside], axis=1)
         doubt_a[is_between_rests & ~is_lost] = 0
@@ -95,20 +97,20 @@ def find_skipped(given: CheckInput) -> Iterator[Notice]:
     yield notice.rated("warning" if is_much else "note")
 
 
-# A voltage that moves so far from one sample to the next, and by so many times its noise,
+# A voltage that moves this far from one sample to the next, and by this many times its noise,
 _BREAK_V, _BREAK_NOISE = 0.1, 12.0
-# steady over so many samples on either side, stays there;
+# steady over this many samples on either side, stays there;
 _SIDE, _UNSTEADY = 10, 0.25
-# and the current explains it if it is no more than so many times what the resistance makes.
+# and the current explains it if the change is at most this many times R I.
 _UNEXPLAINED = 3.0
 
 
 def find_breaks(given: CheckInput) -> Iterator[Notice]:
-    """Places where the voltage goes elsewhere between two samples, and no current says why."""
+    """Jumps of the voltage between two samples that no current explains."""
     record = given.record
     moved_v = np.abs(np.diff(given.record.source_v))
     indices = np.flatnonzero(moved_v > max(_BREAK_V, _BREAK_NOISE * given.samples.noise_v))
-    # In a long interval a cell relaxes so far.
+    # In a long interval a cell relaxes this far.
     indices = indices[record.interval_s[indices] <= FINE_S]
     indices = np.setdiff1d(indices, gaps_in(record.interval_s))
     indices = indices[(indices >= _SIDE - 1) & (indices + _SIDE < record.samples)]
@@ -141,9 +143,9 @@ def find_coarse_intervals(given: CheckInput) -> Iterator[Notice]:
 
 
 def find_late_voltage(given: CheckInput) -> Iterator[Notice]:
-    """A voltage that shows part of a step of the current only in the next samples, or its answer
-    over several, as one that was filtered does; or that takes back part of it in the next sample,
-    which no cell's does: the current was averaged or filtered before it was written down."""
+    """A voltage that shows part of a current step only in the next samples, or responds over
+    several as a filtered one does; or that takes back part of it in the next sample, which no cell
+    does: the current was averaged or filtered before it was written."""
     lag = given.lag
     if lag is not None:
         values = {
@@ -164,7 +166,7 @@ def find_late_voltage(given: CheckInput) -> Iterator[Notice]:
     (first_ohm, second_ohm, third_ohm, _, last_ohm), covariance = answers
     values = {"first_ohm": first_ohm, "interval_s": given.samples.interval_s}
     slow_ohm = max(_SLOW_SHARE * first_ohm, LATE_SURE * np.sqrt(np.max(np.diag(covariance))))
-    # A steep OCV adds the same to every answer.
+    # A steep OCV adds the same to every response.
     is_slow, is_rising = second_ohm - last_ohm > slow_ohm, last_ohm - first_ohm > slow_ohm
     late_ohm = None if late_r0_ohm(answers) is None else second_ohm - LASTING * third_ohm
     if not given.is_lag_given and (late_ohm or (first_ohm > 0 and (is_slow or is_rising))):
@@ -177,28 +179,28 @@ def find_late_voltage(given: CheckInput) -> Iterator[Notice]:
 
 
 def find_fast_load(given: CheckInput) -> Iterator[Notice]:
-    """A current that changes as often as it is logged, slowly: its rows are means, or instants
-    between which nobody knows what flowed."""
+    """A current that changes as often as it is logged, slowly: its rows are means, or instantaneous
+    samples with an unknown current in between."""
     hold, evidence = given.record.hold, given.record.evidence
     is_given = hold.strength == "given"
     slow = None if evidence is None else evidence.slow
     if slow is None or not (slow.changes_between and (is_given or hold.value != "forward")):
         return
-    # Whoever says "forward" knows that the load switches in time with the log.
+    # Users who give "forward" know that the load switches in time with the log.
     is_reported = slow.kind == "instants" and not (is_given and hold.value == "forward")
     if is_reported or hold.strength == "assumed":
         values = {"interval_s": given.samples.interval_s, "rows": slow.kind}
         yield Notice("fast-load.rows", {**values, "hold": None if is_given else "open"})
 
 
-# Of shorter steps the pace says little.
+# Shorter steps say little about the pace.
 _FEWEST_IN_STEP = 20
 
 
 def find_rebuilt_clock(given: CheckInput) -> Iterator[Notice]:
-    """A clock laid evenly inside each step, at a slightly different pace in each.
+    """A clock that is evenly spaced within each step, at a slightly different pace in each.
 
-    A tester's clock jitters, or ticks at one pace throughout.
+    A tester's clock jitters, or runs at one pace throughout.
     """
     record = given.record
     if record.step is None:
@@ -209,7 +211,7 @@ def find_rebuilt_clock(given: CheckInput) -> Iterator[Notice]:
     interval_s = record.interval_s
     paces_s = [interval_s[a:b] for a, b in zip(starts, ends, strict=True)]
     low_s, high_s = (np.array([*map(end, paces_s)]) for end in (np.min, np.max))
-    # Parquet and workbooks keep some 1e-11 of a stamp; text a millisecond, which is too coarse.
+    # Parquet and workbooks keep about 1e-11 of a stamp; text a millisecond, which is too coarse.
     is_even = high_s - low_s <= 1e-6 * high_s
     spread = float(np.ptp(low_s)) / float(np.median(low_s))
     if is_even.all() and 1e-5 < spread < 0.05:
@@ -219,14 +221,15 @@ def find_rebuilt_clock(given: CheckInput) -> Iterator[Notice]:
 
 _COARSE_V, _COARSE_SHARE = 0.9e-3, 5e-3
 _TEMPERATURE_DEGC = (-60.0, 120.0)
-# Cells are used up to 60 degC: what stays above is rather a room's temperature in Fahrenheit.
+# Cells are used up to 60 degC: higher values are rather a room's temperature in Fahrenheit.
 _HOT_DEGC, _ROOM_DEGC = 65.0, 50.0
-# A record over more than so many degrees, but for some of its samples, is of no one temperature.
+# A record over more than this many degrees, except for some of its samples, has no single
+# temperature.
 _WIDE_DEGC, _ENDS = 15.0, (0.05, 0.95)
 
 
 def find_resolution(given: CheckInput) -> Iterator[Notice]:
-    """Readings so coarse that they show in the results."""
+    """Readings so coarse that they affect the results."""
     magnitude_a = np.abs(given.record.current_a)
     loaded_a = float(np.median(magnitude_a[magnitude_a > 0.05 * given.samples.peak_a]))
     share = given.resolution_a / loaded_a
@@ -237,7 +240,7 @@ def find_resolution(given: CheckInput) -> Iterator[Notice]:
 
 
 def find_temperature(given: CheckInput) -> Iterator[Notice]:
-    """Temperatures that no cell has, or of which no one is the record's."""
+    """Temperatures that are impossible for a cell, or vary too much within the record."""
     temperature = given.record.temperature_degc
     if temperature is None:
         return

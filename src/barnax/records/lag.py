@@ -1,14 +1,14 @@
-"""A voltage that is older or newer than the current of its row, by some samples or part of one.
+"""A voltage that is older or newer than the current of its row, by several samples or a part of
+one.
 
-Where the voltage is n samples older than the current, and where a load changes on a clock of its
-own by a part of one more, a step shows in two samples next to each other. With differences D
-between samples,
+If the voltage is n samples older than the current, and a load switches on a clock of its own a part
+of a sample later, a step appears in two neighboring samples. With differences D between samples,
 
     D v_(k+n) = - sum over j = -1, 0, 1 of b_j D i_(k-j) - slow
 
-for the n that leaves the least, R0 = sum of b_j and the lag is n + (b_1 - b_-1) / R0 in samples.
-What is slow are pairs with time constants from three samples on and the OCV. A pair faster than a
-sample looks like a part of one, and R0 then holds it.
+for the n with the smallest residual, R0 = sum of b_j and the lag is n + (b_1 - b_-1) / R0 in
+samples. The slow part consists of pairs with time constants of three samples or more and the OCV. A
+pair faster than a sample looks like a part of one, and is then included in R0.
 """
 
 import itertools
@@ -23,23 +23,25 @@ from ..errors import InputError
 from ..metrics import NORMAL_95
 from .record import Record
 
-# Time constants in samples that stand for the pairs, and how many samples are looked at.
+# Time constants in samples that represent the pairs, and the number of samples used.
 _SLOW, _NEAR = (3.0, 10.0, 30.0, 100.0, 300.0), 3
-# Up to so many whole samples are tried. Of those that are the nearest to the lag another than none
-# leaves less than this share of what none does, or where that is not the nearest, of all.
+# The largest number of whole samples tried. The best of them counts if it is nearest to the lag and
+# leaves less than the first share of the residual at lag zero, or less than the second share of
+# everything otherwise.
 _FAR, _NEAREST, _LEFT = 5, 0.6, 0.9
-# Where none leaves hardly anything, it is none: half a period late looks like the other sign.
+# If hardly anything remains at lag zero, there is none: half a period of delay looks like the
+# opposite sign.
 _NOTHING = 0.01
-# The least lag in samples, and in standard errors over so many parts of the record.
+# The least lag in samples, and in standard errors over this many parts of the record.
 _LEAST, _SURE, _PARTS = 0.1, 4.0, 24
-# On its other side a step shows less than this share of what it shows beside itself.
+# On its other side a step has less than this share of its effect on the near side.
 _OTHER_SIDE = 0.25
-# The whole samples of a lag are found by so many places, the parts of one by so many.
+# Number of intervals used to determine whole samples, and parts of a sample.
 _ENOUGH, _MANY = 10_000, 30_000
-# In slower logs averages, or a pair that is over within a sample, are likelier than part of one:
-# a lag is so near to whole samples.
+# In slower logs, averages or a pair that ends within a sample are likelier than a part of a sample:
+# a lag is then this close to whole samples.
 _SLOWEST_S, _NEARLY = 1.5, 0.1
-# So many intervals beside steps of this share of the largest current are needed, of an even clock.
+# The number of even intervals needed next to current steps of this share of the largest current.
 _FEWEST, _LEAST_STEP, _EVEN = 200, 0.05, 0.1
 
 
@@ -52,7 +54,7 @@ Changes = tuple[Int[np.ndarray, "samples"], Table, Float[np.ndarray, "changes"]]
 
 @dataclass(frozen=True)
 class Lag:
-    """The age of a voltage beside its row's current.
+    """The age of a voltage relative to the current in its row.
 
     Attributes:
         seconds: The lag; negative where the voltage is newer.
@@ -70,15 +72,15 @@ class Lag:
 
 
 def find_lag(record: Record) -> Lag | None:
-    """The lag of a record's voltage, None where it shows none for certain."""
+    """The lag of a record's voltage; None without clear evidence of one."""
     whole = whole_lag(record.interval_s, record.current_a, record.voltage_v)
     lag = _fitted(record, record.voltage_v, whole)
     return lag if lag is not None and lag.is_certain else None
 
 
 def _fitted(record: Record, voltage_v: Rows, whole: int) -> Lag | None:
-    """The lag of a voltage that is about so many whole samples older than the record's current;
-    None where its steps are too few."""
+    """The lag of a voltage that is about this many samples older than the record's current; None if
+    there are too few steps."""
     moves = _changes(record.interval_s, record.current_a, _NEAR, _MANY)
     if moves is None or not np.ptp(voltage_v):
         return None
@@ -93,7 +95,7 @@ def _fitted(record: Record, voltage_v: Rows, whole: int) -> Lag | None:
     samples, usual_s = float(whole + _share(ohm)), _usual_s(record.interval_s)
     first, at_once, last = ohm
     beside, other = (last, first) if samples > whole else (first, last)
-    # Beside whole samples there may be no part of one.
+    # With whole samples there may be no part of one.
     least_ohm = max(_OTHER_SIDE * beside, _LEAST * at_once if whole else 0.0)
     is_sure = max(_LEAST, _SURE * error) < abs(samples) < 1 + abs(whole) and ohm.sum() > 0
     is_part = usual_s > _SLOWEST_S and not (whole and abs(samples - whole) < _NEARLY)
@@ -116,11 +118,11 @@ class Scan:
     ohm: Float[np.ndarray, "cells"]
 
     def aligned_v(self, record: Record, cells_v: Voltages) -> Voltages:
-        """The voltages as if all had the mean lag; `record` is of their mean, before any lag.
+        """The voltages as if all had the mean lag; `record` is their mean, before any lag.
 
-        Between rows everything is taken for linear, so that a lag of x samples leaves x D v of the
-        voltage v out, D being the step to a row. Of D v the drop R0 D i is the cell's own, and what
-        is slow is that of the mean of the cells.
+        Between rows everything is taken as linear, so a lag of x samples omits x D v of the voltage
+        v, with D the step to the row. Of D v, the drop R0 D i is the cell's own, and the slow part
+        that of the mean of the cells.
         """
         usual_s = _usual_s(record.interval_s)
         step_a = np.diff(record.current_a, prepend=record.current_a[:1])
@@ -131,7 +133,8 @@ class Scan:
         return cells_v + later * (slow_v[:, None] - self.ohm * step_a[:, None])
 
     def reach_ohm(self, record: Record) -> Float[np.ndarray, "cells"]:
-        """Half the 95 % interval of every cell's resistance at once, by its lag's error alone."""
+        """Half the 95 % interval of each cell's immediate resistance due to the error of its lag
+        alone."""
         step_a = np.diff(record.current_a)
         lagged_a = np.diff(aligned(record, float(np.mean(self.lag_s))).current_a)
         share = np.diff(step_a) @ lagged_a[1:] / (lagged_a @ lagged_a)
@@ -139,7 +142,8 @@ class Scan:
 
 
 def find_scan(record: Record, cells_v: Voltages) -> Scan | None:
-    """The lags of cells beside the current of a record without a lag; None where all have one."""
+    """The lags of cells relative to the current of a record without a lag; None if all have the
+    same."""
     whole = whole_lag(record.interval_s, record.current_a, record.voltage_v)
     fits = [_fitted(record, voltage_v, whole) for voltage_v in cells_v.T]
     lags = [lag for lag in fits if lag is not None]
@@ -153,8 +157,8 @@ def find_scan(record: Record, cells_v: Voltages) -> Scan | None:
 
 
 def whole_lag(interval_s: Intervals, current_a: Rows, voltage_v: Rows) -> int:
-    """The whole samples by which a voltage is older than a current, whose sign may be either."""
-    # The steps are within reach of all that is tried.
+    """The number of whole samples by which a voltage is older than a current of either sign."""
+    # The steps within reach of every lag that is tried.
     moves = _changes(interval_s, current_a, _NEAR + _FAR, _ENOUGH)
     if moves is None:
         return 0
@@ -171,17 +175,17 @@ def whole_lag(interval_s: Intervals, current_a: Rows, voltage_v: Rows) -> int:
 
 
 def _changes(interval_s: Intervals, current_a: Rows, near: int, most: int) -> Changes | None:
-    """Intervals so near to steps of the current, at most so many, D i and what is slow there as
-    columns of one scale, and that scale; None where too few are on an even clock."""
+    """At most this many intervals near current steps; D i and the slow part there as equally scaled
+    columns, and the scale. None if too few are on an even clock."""
     usual_s, step_a = _usual_s(interval_s), np.diff(current_a)
     if len(step_a) < _FEWEST + 2 * _FAR:
         return None
     is_step = np.abs(step_a) > _LEAST_STEP * float(np.max(np.abs(current_a)))
-    # The first steps are enough, and a long record has more.
+    # The first steps suffice; a long record has more.
     end = int(np.append(0, np.flatnonzero(is_step)[:most])[-1]) + near + _FAR + 2
     is_step = is_step[:end]
     is_uneven = np.abs(interval_s[:end] - usual_s) >= _EVEN * usual_s
-    # True where any so near is, but for as many at both ends.
+    # True where such an interval is near, except for as many at both ends.
     around = np.ones(2 * near + 1, int)
     steps, gaps = (np.convolve(flags, around, "valid") for flags in (is_step, is_uneven))
     indices = np.flatnonzero((steps > 0) & (gaps == 0)) + near
@@ -198,19 +202,20 @@ def _changes(interval_s: Intervals, current_a: Rows, near: int, most: int) -> Ch
 
 
 def _usual_s(interval_s: Intervals) -> float:
-    """The median, of an even share of many."""
+    """The median of an evenly spaced subset."""
     return float(np.median(interval_s[:: 1 + len(interval_s) // _ENOUGH]))
 
 
 def _share(ohm: Float[np.ndarray, "3 ..."]) -> Float[np.ndarray, "..."]:
-    """The part of a sample by which answers are late."""
+    """The part of a sample by which responses are late."""
     return (ohm[2] - ohm[0]) / ohm.sum(axis=0)
 
 
 def _answers(
     products: Float[np.ndarray, "columns columns"], scale: Float[np.ndarray, "changes"]
 ) -> tuple[Float[np.ndarray, "3 moves"], Float[np.ndarray, "moves"]]:
-    """Answers b_j of the voltage's moves, the last columns, and the share of squares left."""
+    """The responses b_j of the voltage's changes, the last columns, and the remaining share of
+    squares."""
     count = len(scale)
     table, moves = products[:count, :count], products[:count, count:]
     answers = np.linalg.lstsq(table, moves, rcond=1e-12)[0]
@@ -219,11 +224,11 @@ def _answers(
 
 
 def aligned(record: Record, lag_s: float | None) -> Record:
-    """The record with the current of the moments of its voltage; None finds how much older that is.
+    """The record with the current at the times of its voltage; with None, the lag is estimated.
 
-    The current between rows is taken for linear, so that its charge stays the same.
+    The current between rows is taken as linear, so its charge stays the same.
 
-    Raises `InputError` for a lag that is no number, or is longer than the record.
+    Raises `InputError` for a lag that is not a number, or is longer than the record.
     """
     if lag_s is None:
         lag = find_lag(record)
@@ -237,7 +242,7 @@ def aligned(record: Record, lag_s: float | None) -> Record:
 
 
 def require_lag(record: Record, lag_s: float) -> None:
-    """Raise `InputError` for a lag that is no number, or is longer than the record."""
+    """Raise `InputError` for a lag that is not a number, or is longer than the record."""
     if lag_s and not abs(lag_s) < record.time_s[-1] - record.time_s[0]:
         raise InputError(
             f"{record.name}: `voltage_lag` is {lag_s:g} s; give seconds by which the voltage is "
@@ -248,11 +253,11 @@ def require_lag(record: Record, lag_s: float) -> None:
 def lagged(
     values: Float[np.ndarray, "*rows samples"], tau: float, interval: Intervals | float = 1.0
 ) -> Float[np.ndarray, "*rows samples"]:
-    """A first-order lag behind values that are held from sample to sample, with a time constant
-    in samples, or in what intervals are: y' = k y + (1 - k) x with k = exp(-interval / tau), from
-    zero on.
+    """A first-order lag of values that are held from sample to sample, with a time constant in
+    samples or in the unit of the intervals: y' = k y + (1 - k) x with k = exp(-interval / tau),
+    from zero on.
 
-    SciPy's `lfilter` is that too, but a quarter of what a command loads comes with it.
+    The same as SciPy's `lfilter`, whose import would take a quarter of a command's loading time.
     """
     kept = np.exp(-np.asarray(interval) / tau)
     bands = np.ones((2, values.shape[-1]))
@@ -263,21 +268,22 @@ def lagged(
     return solve(bands, driven.T, uplo="L")[0].T
 
 
-# The answers to a step are looked at in so many samples, of so many places; those to so many steps
-# tell as much as those to all.
+# The response to a step is estimated over this many samples, at this many steps, which say as much
+# as all of them.
 _ANSWERS, _FEWEST_STEPS, _ENOUGH_STEPS = 5, 50, 15_000
-# A pair answers in the sample after a step at most so often what it does in the next one, unless it
-# is over within two samples. More than this share of the whole, at so many deviations, is late.
+# A pair's response in the next sample is at most this many times that in the sample after it,
+# unless the pair ends within two samples. More than this share of the whole, by this many standard
+# deviations, is late.
 LASTING, _LATE_SHARE, LATE_SURE = 2.0, 0.03, 4.0
 Answers = tuple[Float[np.ndarray, "answers"], Float[np.ndarray, "answers answers"]]
 
 
 def answers_ohm(record: Record) -> Answers | None:
-    """The answers of the voltage to a step of the current in the samples from it on, with their
-    covariance; None where too few steps are on an even clock.
+    """The responses of the voltage to a current step in the samples from it on, with their
+    covariance; None if too few steps are on an even clock.
 
-    They are least squares on the differences between samples: R0 and what follows at once in the
-    first, in the others what the RC pairs add, which falls off with their time constants.
+    By least squares on the differences between samples: the first is R0 with everything immediate,
+    the others are the contributions of RC pairs, which decay with their time constants.
     """
     moved_a, usual_s = np.diff(record.current_a), record.usual_s
     least_a = _LEAST_STEP * float(np.max(np.abs(record.current_a)))
@@ -291,7 +297,7 @@ def answers_ohm(record: Record) -> Answers | None:
     indices, window = indices[is_even], window[is_even]
     if len(indices) < _FEWEST_STEPS:
         return None
-    # The current before the steps and a constant stand for all that is slow.
+    # The current before the steps and a constant represent everything slow.
     before_a = record.current_a[window[:, -1]]
     design = np.column_stack([moved_a[window], before_a, np.ones(len(indices))])
     moved_v = np.diff(record.voltage_v)[indices]
@@ -305,9 +311,10 @@ def answers_ohm(record: Record) -> Answers | None:
 
 
 def late_r0_ohm(step_answers: Answers | None) -> float | None:
-    """The answers to a step of the current at once and one sample later, added up.
+    """The sum of the immediate response to a current step and that one sample later.
 
-    None where nothing is late. A second answer far above what the third leaves it is late.
+    None if nothing is late. The second response is late if it is far larger than the third one
+    allows.
     """
     if step_answers is None:
         return None

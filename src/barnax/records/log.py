@@ -1,5 +1,5 @@
-"""Logs that were cut into several files: which records continue each other, and the whole log; and
-a record in means."""
+"""Logs split into several files: which records continue each other, and the whole log; and a record
+in means."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,18 +12,18 @@ from .record import Record, is_long
 from .source import Source
 from .table import Table
 
-# Between the names of the files of a log.
+# Between the names of a log's files.
 NEXT_FILE = " + "
-# A log continues within so many intervals, and its files are sampled alike to within this factor.
-# This share of so many intervals on either side of the cut is no further from R0's step, which may
-# be off by so much.
+# A log continues within this many intervals, and its files have equal sampling within this factor.
+# At least this share of the given number of intervals on either side of the cut deviates no less
+# from the step R0 D i, which may be off by the last share.
 _INTERVALS, _SAMPLED_ALIKE, _USUAL, _BESIDE, _OFF = 2.0, 1.5, 0.9, 300, 0.3
 
 
 def joined(sources: Sequence[Source]) -> Source:
-    """One log that was cut into several files, in their order; rows go on from file to file.
+    """One log from its files, in their order; row numbers continue from file to file.
 
-    Raises InputError where their columns differ.
+    Raises InputError if their columns differ.
     """
     first, *others = sources
     if not others:
@@ -45,28 +45,28 @@ def joined(sources: Sequence[Source]) -> Source:
 
 
 def pause_s(earlier: Record, later: Record) -> float:
-    """Seconds from the end of one record to the start of another, by the dates of both, or else by
+    """Seconds from the end of one record to the start of another, by the dates of both, else by
     their clocks."""
     between_s = float(later.time_s[0] - earlier.time_s[-1])
     if earlier.zero_date_s is None or later.zero_date_s is None:
         return between_s
-    # Dates that are numbers of days are no more exact.
+    # Dates that count days are no more exact.
     return round(between_s + later.zero_date_s - earlier.zero_date_s, 3)
 
 
 def goes_on(earlier: Record, later: Record) -> bool:
-    """True if a record continues where another ends: by their dates, where the clocks of both have
-    dates, and else by their clocks."""
+    """True if a record continues another one: by their dates, if the clocks of both have dates,
+    else by their clocks."""
     # The row at which a log was cut may be in both files.
     return 0 <= pause_s(earlier, later) <= _INTERVALS * later.usual_s
 
 
 def continuation(earlier: Record, later: Record) -> str:
-    """The evidence that two records are one log that was cut under load; empty without any.
+    """The evidence that two records are one log that was cut under load; empty if there is none.
 
-    Beside the clock, the columns and the sampling, the voltage continues: over the cut it changes
-    by what R0 makes of the current's step, to within a share of that or nine of ten deviations in
-    the intervals beside.
+    In addition to clock, columns and sampling, the voltage continues: across the cut it changes by
+    R0 times the current step, within a share of it or within nine of ten deviations in the
+    neighboring intervals.
     """
     pair = earlier, later
     headers = [record.evidence and record.evidence.header for record in pair]
@@ -77,7 +77,7 @@ def continuation(earlier: Record, later: Record) -> str:
     before, after = (one.segments(one.rest_current_a(one.span_ah)).loaded for one in pair)
     if not is_alike or not len(before) or not len(after):
         return ""
-    # A rest around the cut that is long enough lets the RC pairs relax.
+    # A long enough rest around the cut lets the RC pairs relax.
     rest_s = earlier.time_s[-1] - earlier.time_s[before[-1]]
     if is_long(float(rest_s + later.time_s[after[0]] - later.time_s[0])):
         return ""
@@ -103,7 +103,7 @@ def continuation(earlier: Record, later: Record) -> str:
 
 
 def in_means(record: Record, interval_s: float) -> Record:
-    """The record in means over intervals, with all its charge; itself where it is no faster.
+    """The record in means over intervals, with all its charge; unchanged if it is no faster.
 
     >>> from barnax.bundled import bundled_file
     >>> from barnax.records import read_record
@@ -137,7 +137,7 @@ def in_means(record: Record, interval_s: float) -> Record:
     )
     moved_ah = np.diff(mean(record.discharged_ah))
     if record.flowing is not None:
-        # Where the logger wrote nothing at rest, a mean's current does not flow through that.
+        # Where the logger wrote nothing at rest, a mean's current does not flow through the gap.
         group = np.cumsum(is_first) - 1
         silent = group[:-1][record.flowing < 1]
         silent = silent[silent < len(moved_ah)]

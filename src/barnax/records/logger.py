@@ -1,4 +1,4 @@
-"""How a logger samples a current that changes: decided once, over all records of one logger."""
+"""How a logger samples a changing current: decided once over all its records."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -10,19 +10,20 @@ Hold = Literal["forward", "backward", "centered"]
 Strength = Literal["given", "strong", "weak", "assumed"]
 Rows = Literal["instants", "means", "open"]
 
-# A correlation above this, by so much more over the root of the rows, and innovations of so much of
-# what the voltage moves are of instants; a correlation below the last is of means. That of noise
-# alone is -1/2, and that of means about -0.6.
+# Rows are instantaneous samples if the correlation is above the first value by the second one over
+# the root of the number of rows, and innovations have at least the third share of the voltage's
+# changes; they are means if the correlation is below the last value. That of noise alone is -1/2,
+# that of means about -0.6.
 _INSTANTS, _MORE, _MOVES, _MEANS = -0.455, 0.5, 0.02, -0.54
-# From this interval on, a current that differs from both its neighbors in so many of the samples
-# under load also changed between them, unless the voltage is against it. In a larger share than the
-# second it may have; a load in time with its log does too.
+# From this interval on, if the current differs from both its neighbors in the first share of the
+# samples under load, it also changed between them, unless the voltage contradicts that. Above the
+# second share it may have; so does a load in time with its log.
 ALONE, SOMETIMES = 0.35, 0.05
 
 
 @dataclass(frozen=True)
 class Decision:
-    """A decision about a file, how firm it is, and why, in words for the user."""
+    """A decision about a file, its strength, and the reason in words for the user."""
 
     value: str
     strength: Strength
@@ -31,7 +32,7 @@ class Decision:
 
 @dataclass(frozen=True)
 class SlowRows:
-    """Sums over slow records of what shows whether their load changes between the rows.
+    """Sums over slow records that show whether their load changes between the rows.
 
     Attributes:
         loaded: Rows under load.
@@ -55,7 +56,7 @@ class SlowRows:
 
     @property
     def kind(self) -> Rows:
-        """What the rows are, where the load changes between them."""
+        """What the rows are, if the load changes between them."""
         if self.through:
             return "means"
         if not self.rows:
@@ -71,14 +72,14 @@ class SlowRows:
         """True if the load changes between rows."""
         if self.through or self.kind == "instants":
             return True
-        # Of a load in time with its log the voltage leaves no more than noise.
+        # For a load in time with its log, the residuals of the voltage are only noise.
         is_noise = self.rows > 0 and _MEANS <= self.correlation / self.rows <= _INSTANTS
         return self.alone >= ALONE * max(self.loaded, 1) and not is_noise
 
 
 @dataclass(frozen=True)
 class SamplingEvidence:
-    """What one record shows of how its logger samples the current.
+    """The evidence of one record about its logger's sampling of the current.
 
     Attributes:
         header: The names of its columns: records with the same are of one logger.
@@ -111,7 +112,7 @@ class Logger:
 
     @classmethod
     def of(cls, evidence: Sequence[SamplingEvidence]) -> "Logger":
-        """The logger of some records, which is one."""
+        """The logger of records that have the same one."""
         proofs = [(one.proof, one.name) for one in evidence if one.proof is not None]
         strong = [pair for pair in proofs if pair[0].strength == "strong"]
         firm = strong or [pair for pair in proofs if pair[0].strength == "weak"]
@@ -123,7 +124,7 @@ class Logger:
         return cls(evidence[0].header, proof, sum(slow, SlowRows()), len(slow))
 
     def sampling(self, evidence: SamplingEvidence) -> Decision:
-        """The sampling of one of its records; what the record itself proves is its own."""
+        """The sampling of one of its records; proof by the record itself takes precedence."""
         proof = evidence.proof
         if proof is not None and (proof.strength == "strong" or self.proof is None):
             return proof
@@ -150,7 +151,8 @@ Loggers = Mapping[tuple[str, ...], Logger]
 
 
 def loggers_of(records: Iterable[Any]) -> dict[tuple[str, ...], Logger]:
-    """The loggers of some records, by the names of their columns; of what is no record, none."""
+    """The loggers of some records, by the names of their columns; none for anything that is not a
+    record."""
     groups: dict[tuple[str, ...], list[SamplingEvidence]] = {}
     for record in records:
         evidence = getattr(record, "evidence", None)

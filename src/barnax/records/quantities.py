@@ -1,19 +1,19 @@
-"""The quantities of a record and of an OCV table: what they are called, and in what units."""
+"""The quantities of a record and of an OCV table: their names and units."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-# The voltage of one cell: that of every lithium chemistry lies within.
+# The voltage of one cell of any lithium chemistry lies within this range.
 CELL_RANGE_V = (0.5, 6.0)
 
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit: its value times `factor` plus `offset` is in the quantity's base unit.
+    """A unit: a value times `factor` plus `offset` is in the quantity's base unit.
 
-    `spelled` are its spellings, lower case with bars between them.
+    `spelled` has its spellings, in lower case, separated by bars.
     """
 
     symbol: str
@@ -23,19 +23,19 @@ class Unit:
     words: str = ""
 
     def to_base(self, values: Any) -> Any:
-        """Values in this unit in the base unit."""
+        """Values in this unit, converted to the base unit."""
         is_base = (self.factor, self.offset) == (1, 0)
         return values if is_base else values * self.factor + self.offset
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A quantity, its units, its own first, and its aliases from the most to the least specific.
+    """A quantity with its units, the default first, and its aliases from the most to the least
+    specific.
 
-    Aliases ("cell current|current|i") and unit keys are lower case with blanks for underscores;
-    "programmdauer=ms" has that unit where the name states none. `examples` are names to give a
-    column. `foreign` words are what the quantity is called in other languages: not accepted, but
-    pointed to.
+    Aliases ("cell current|current|i") and keys of units are in lower case with blanks for
+    underscores; "programmdauer=ms" gives the unit if the name states none. `examples` are suggested
+    names of columns. `foreign` are names in other languages: not accepted, but pointed out.
     """
 
     name: str
@@ -46,13 +46,13 @@ class Quantity:
 
     @cached_property
     def aliases(self) -> Mapping[str, str]:
-        """Each alias with the unit that it has where the name states none; empty for its own."""
+        """Each alias with its unit if the name states none; empty for the default."""
         pairs = (alias.partition("=") for alias in filter(None, self.spelled.split("|")))
         return {alias: stated for alias, _, stated in pairs}
 
     @cached_property
     def beginnings(self) -> tuple[str, ...]:
-        """One of these begins every name of a column that could hold the quantity."""
+        """Every name of a column that could hold the quantity begins with one of these."""
         return tuple(self.aliases)
 
     @property
@@ -60,7 +60,7 @@ class Quantity:
         return next(iter(self.units.values()))
 
     def name_in(self, symbol: str) -> str | None:
-        """A name for its column in that unit; None where it has no example of one."""
+        """A name for its column in this unit; None without an example."""
         return f"{self.examples[0].partition(' / ')[0]} / {symbol}" if self.examples else None
 
 
@@ -116,7 +116,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         ("Test Time / s", "test_time_second"),
         ("temps", "tiempo", "tempo"),
     ),
-    # A clock that starts again with each step, and the time of day: where there is no test clock.
+    # A clock that restarts with each step, and the time of day: used if there is no test clock.
     Quantity(
         "step time",
         _SECONDS,
@@ -200,7 +200,7 @@ QUANTITIES: tuple[Quantity, ...] = (
 
 QUANTITY_OF = {quantity.name: quantity for quantity in QUANTITIES}
 
-# What a table of OCV over SOC holds instead: SOC, and one voltage or one for each direction.
+# What a table of OCV over SOC has instead: SOC, and one voltage or one for each direction.
 OCV_QUANTITIES: tuple[Quantity, ...] = (
     Quantity("SOC", _FRACTIONS, "state of charge|soc", ("SOC [-]", "SOC / %")),
     Quantity(

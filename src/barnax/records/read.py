@@ -1,8 +1,8 @@
 """From a cycler's file or a data frame to a checked record, by rules that need no cell.
 
-Each fault is mended as far as it can be before the next rule looks, so that one fault does not
-hide another. A pack has one current and many cell voltages: a record of their mean, and each
-beside it.
+Each fault is repaired as far as possible before the next rule is applied, so that one fault does
+not hide another. A pack has one current and many cell voltages: it gives a record of their mean,
+and each cell's deviation from it.
 """
 
 from collections.abc import Mapping
@@ -39,18 +39,19 @@ from .table import FEWEST_CELLS, examine_cells, is_of_cell, take_lines
 # A data frame of pandas, Polars, PyArrow or another library that narwhals supports.
 Frame = Any
 Examined = tuple[Samples | None, tuple[Notice, ...]]
-# A gap may hide a load of so many times the largest current that was logged.
+# A gap may hide a load of this many times the largest current that was logged.
 _HEAVIER = 3
 
 
 def examine(source: Source, capacity_ah: float | None = None) -> Examined:
-    """The samples of a source, and what is wrong with them; `capacity_ah` lets charge be judged.
+    """The samples of a source, and findings about them; with `capacity_ah`, the charge is judged
+    too.
 
-    They are without the faults that can be mended, None where too little is left to look at, and
-    fit for a record where no finding is an error. A table is examined once for each capacity: that
-    is a third of the time that a folder takes.
+    Repairable faults are repaired. The samples are None if too few remain, and make a record if no
+    finding is an error. A table is examined once for each capacity, which saves a third of the time
+    for a folder.
 
-    Raises InputError where no column is like any of a record.
+    Raises InputError if no column resembles any of a record.
     """
     examined, given = source.table.examined, (source.series, capacity_ah)
     if given not in examined:
@@ -65,7 +66,7 @@ def _examined(source: Source, capacity_ah: float | None) -> Examined:
     if not columns.keys() >= NEEDED:
         return None, lines.findings
     samples = mended = samples_of(lines)
-    # Absurd values overflow before they are found out.
+    # Absurd values overflow before they are detected.
     with np.errstate(all="ignore"):
         for rule in (
             examine_clock,
@@ -74,12 +75,12 @@ def _examined(source: Source, capacity_ah: float | None) -> Examined:
             scale.examine_voltage_unit,
             partial(scale.examine_scale, capacity_ah=capacity_ah),
             examine_repeats,
-            # Which a record keeps as they are.
+            # A record keeps these as they are.
             scale.examine_voltage_range,
         ):
             samples, mended = mended, rule(mended)
             if mended.too_short:
-                # If bad cells took the samples, that has been said already.
+                # If invalid cells left too few samples, that has already been reported.
                 is_said = any(finding.severity == "error" for finding in mended.findings)
                 return None, (*mended.findings, *(() if is_said else (mended.too_short,)))
         findings = scale.ask_once(mended.findings, columns)
@@ -118,10 +119,10 @@ def read_record(
     contradicts strong evidence, and if `columns` or `series` is given for what was read already.
 
     >>> import pathlib, tempfile
-    >>> rows = "".join(f"{k},{-(k % 2)},{3.7 - 0.05 * (k % 2)}\\n" for k in range(20))
+    >>> rows = "".join(f"{k},{-(k % 2)},{3.7 - 0.05 * (k % 2)}\n" for k in range(20))
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = pathlib.Path(folder, "pulses.csv")
-    ...     _ = file.write_text("Time [s],Current [mA],Voltage [V]\\n" + rows)
+    ...     _ = file.write_text("Time [s],Current [mA],Voltage [V]\n" + rows)
     ...     record = read_record(file)
     >>> record.sign.value, float(record.current_a.max())
     ('charge-positive', 0.001)
@@ -136,7 +137,7 @@ def read_record(
         )
     samples, findings = examine(source)
     raise_first_error(findings, source.name)
-    assert samples is not None  # Where there are none, that was an error.
+    assert samples is not None  # The lack of them was an error.
     sign, doubts = decide_sign(samples, current_sign, source.name)
     record = make_record(source, samples, sign, current_hold)
     findings = [finding.about(source.name) for finding in (*findings, *doubts)]
@@ -187,7 +188,7 @@ def record_from_frame(
 
 
 def make_record(source: Source, samples: Samples, sign: Decision, current_hold: AutoHold) -> Record:
-    """The record of a source's checked samples, turned to discharge-positive.
+    """The record of a source's checked samples, with discharge current positive.
 
     Sign and hold are those of the whole file, of which the source may be a part.
     """
@@ -198,14 +199,14 @@ def make_record(source: Source, samples: Samples, sign: Decision, current_hold: 
         raise samples.too_short.about(source.name).error(".")
 
     def turned(values: np.ndarray) -> np.ndarray:
-        # Adding zero makes the -0.0 of a resting tester a plain zero.
+        # Adding zero turns the -0.0 of a resting tester into 0.
         return (-1.0 if sign.value == CHARGE else 1.0) * values + 0.0
 
     held_ah = samples.held_ah(hold.value)
     counted_ah = samples.counters.charge_ah(held_ah, samples.is_loaded)
     max_ah = _HEAVIER * samples.peak_a * samples.intervals_s / 3600
     hidden_ah = None if counted_ah is None else skipped_ah(counted_ah, held_ah, max_ah)
-    # A record copies what can be written to, and nobody writes to these any more.
+    # A record copies writable arrays, and nothing writes to these any more.
     for values in (samples.time_s, samples.voltage_v, samples.row):
         values.flags.writeable = False
     record = Record(
@@ -235,11 +236,11 @@ MEAN = "mean of the cell voltages"
 
 @dataclass(frozen=True, eq=False)
 class PackRecord:
-    """A record of the mean cell voltage, and what every cell's is above it at each of its samples.
+    """A record of the mean cell voltage, and every cell's deviation from it at each sample.
 
-    `source` is the table of the record; `left_out` are the cells whose voltages cannot be used,
-    each with the reason. `scan` has the lag of every cell where they were measured one after
-    another; the voltages are as if all had the lag of the record.
+    `source` is the table of the record; `left_out` has the cells whose voltages cannot be used,
+    each with the reason. `scan` has the lag of every cell if they were measured one after another;
+    the voltages are then shifted to the lag of the record.
     """
 
     source: Source

@@ -14,15 +14,15 @@ from ..metrics import TO_SD
 from ..notices import Notice
 from .logger import Decision, SamplingEvidence
 
-# A centered current is, between two rows, so much of the first one's. That of means changes within
-# its row, and what it changes to has less than half of the row to be answered in: with one half, R0
-# of means over 10 s is 1 to 3 % low under most loads, with this within 2 %.
+# Between two rows, a centered current has this share of the first row's. The current of means
+# changes within its row, and the new current has less than half of the row to act: with one half,
+# R0 from means over 10 s is 1 to 3 % low under most loads, with this value within 2 %.
 EARLIER_SHARE = 0.54
-# Long enough for a robust spread of the current's noise, short against a rest.
+# Long enough for a robust spread of the current's noise, short compared to a rest.
 _WINDOW_SAMPLES = 32
-# In `Record.state`, what is no discharge (+1), charge (-1) or rest (0).
+# In `Record.state`, anything but discharge (+1), charge (-1) and rest (0).
 OTHER_STATE = 9
-# A hyphen may be one between words.
+# A hyphen may separate words.
 _NAMED_DEGC = re.compile(
     r"(?<![\d.])(?P<minus>(?<![a-zA-Z\d])(?:-|minus|neg|m|n)[ _]?)?(?P<degrees>\d{1,2}(?:\.\d+)?)"
     r"[ _]?(?:degC|deg_?C|°C)(?![a-zA-Z])",
@@ -36,9 +36,9 @@ Intervals = Float[np.ndarray, "intervals"]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Record(Brief):
-    """A checked record. Discharge current is positive; time strictly increases.
+    """A checked record. Discharge current is positive, and time strictly increases.
 
-    The arrays are the record's own and cannot be written to.
+    The arrays belong to the record and cannot be written to.
 
     Attributes:
         name: Name of the file.
@@ -91,10 +91,10 @@ class Record(Brief):
 
     def __post_init__(self):
         for name, values in vars(self).copy().items():
-            # The memory of a table is no array, and cannot be written to.
+            # The memory of a table is not a NumPy array, and cannot be written to.
             is_array = isinstance(values, np.ndarray) and not isinstance(values.base, np.ndarray)
             if isinstance(values, np.ndarray) and not (is_array and not values.flags.writeable):
-                # A copy, for the caller may go on writing to what was given.
+                # A copy, because the caller may change the given array later.
                 copied = values.copy()
                 copied.flags.writeable = False
                 object.__setattr__(self, name, copied)
@@ -108,14 +108,14 @@ class Record(Brief):
         voltage_v: Channel,
         temperature_degc: Channel | None = None,
     ) -> "Record":
-        """A record of a current that nobody measured, which flows from each time to the next."""
+        """A record of an unmeasured current that is constant from each time to the next."""
         row, made = np.arange(len(time_s)) + 2, ("given", "for a simulation")
         sign, hold = Decision("discharge-positive", *made), Decision("forward", *made)
         signals = time_s, current_a, voltage_v, temperature_degc
         return cls(name, *signals, step=None, row=row, sign=sign, hold=hold, sha256="")
 
     def __reduce__(self) -> tuple[type["Record"], tuple[Any, ...]]:
-        """What is pickled: the fields, and nothing that was computed from them."""
+        """For pickle: the fields, without anything computed from them."""
         return Record, tuple(getattr(self, field.name) for field in fields(self))
 
     @property
@@ -140,12 +140,13 @@ class Record(Brief):
 
     @property
     def discharged_ah(self) -> Channel:
-        """Ampere-hours taken out since the first sample: integrated, and counted where skipped."""
+        """Ampere-hours discharged since the first sample: integrated, and counted where a load was
+        skipped."""
         return np.concatenate([np.zeros(1), np.cumsum(self.moved_ah)])
 
     @property
     def moved_ah(self) -> Intervals:
-        """Ampere-hours that came out in each interval."""
+        """Ampere-hours discharged in each interval."""
         moved_ah = self.interval_current_a * self.interval_s / 3600
         return moved_ah if self.skipped_ah is None else moved_ah + self.skipped_ah
 
@@ -163,39 +164,40 @@ class Record(Brief):
 
     @cached_property
     def source_v(self) -> Channel:
-        """The voltage without R I."""
+        """The voltage without the drop R I."""
         return self.voltage_v + self.resistance_ohm * self.current_a
 
     def usual_degc(self, samples: slice | Int[np.ndarray, "_"] = slice(None)) -> float | None:
-        """The median of the temperatures measured at some samples, else that in the name if any."""
+        """The median of the temperatures measured at some samples, else the one in the name, if
+        any."""
         measured = np.empty(0) if self.temperature_degc is None else self.temperature_degc[samples]
         finite = measured[np.isfinite(measured)]
         return float(np.median(finite)) if len(finite) else degc_in_name(self.name)
 
     def flowing_between(self, first: Indices, last: Indices) -> tuple[Indices, Indices]:
-        """The samples between which the currents of the samples `first` to `last` flowed."""
+        """The samples between which the currents of samples `first` to `last` flowed."""
         if self.hold.value == "backward":
             return np.maximum(first - 1, 0), last
         return first, np.minimum(last + 1, self.samples - 1)
 
     def rest_current_a(self, capacity_ah: float) -> float:
-        """The current below which a cell of that capacity counts as resting, in A.
+        """The current in A below which a cell of this capacity counts as resting.
 
-        C/100, and never under five times the current's noise at rest: a tester's offset is not a
-        direction.
+        C/100, but at least five times the current's noise at rest, because a tester's offset is not
+        a direction.
 
         >>> from barnax import bundled_file, read_record
         >>> read_record(bundled_file("ocv_discharge")).rest_current_a(2.0)
         0.02
         """
-        # The noise: the median of robust ones of short windows that lie below C/20 throughout and
-        # below C/50 in the median. Differences of neighbors over sqrt(2) give the noise of white
-        # noise and little of a drift or a slow dither.
+        # The noise is the median of robust estimates in short windows that are below C/20
+        # throughout and below C/50 in the median. Differences of neighbors over sqrt(2) contain the
+        # white noise and little of a drift or a slow oscillation.
         windows = self.samples // _WINDOW_SAMPLES
         current_a = self.current_a[: windows * _WINDOW_SAMPLES].reshape(windows, _WINDOW_SAMPLES)
         current_a = current_a[(np.abs(current_a) < capacity_ah / 20).all(axis=1)]
         noise_a = TO_SD * np.median(np.abs(np.diff(current_a, axis=1)), axis=1) / np.sqrt(2)
-        # Half against half: the means of white noise hardly differ, those of a swing do.
+        # The means of two halves hardly differ for white noise, but do for an oscillation.
         half = _WINDOW_SAMPLES // 2
         drift_a = np.abs(current_a[:, :half].mean(axis=1) - current_a[:, half:].mean(axis=1))
         is_steady = drift_a <= 3 * noise_a * np.sqrt(2 / half)
@@ -208,7 +210,7 @@ class Record(Brief):
         return {}
 
     def segments(self, rest_a: float) -> "Segments":
-        """Its rests, loads and charges, where currents below `rest_a` are none; found once.
+        """Its rests, loads and charges, where currents below `rest_a` count as none; computed once.
 
         >>> from barnax import bundled_file, read_record
         >>> len(read_record(bundled_file("ocv_discharge")).segments(0.02).rests)
@@ -218,22 +220,23 @@ class Record(Brief):
 
 
 def held(hold: str, begun: Intervals, ended: Intervals) -> Intervals:
-    """The mean of each interval by a hold, of what it begins and what it ends with."""
+    """The mean of each interval by a hold, from the values at its start and end."""
     if hold == "centered":
         return EARLIER_SHARE * begun + (1 - EARLIER_SHARE) * ended
     return begun if hold == "forward" else ended
 
 
-# The rest after which the voltage is the OCV, and by what it may end early on the tester's clock
-# where it was programmed as 30 min.
+# The rest after which the voltage is the OCV, and how much shorter a rest programmed as 30 min may
+# be on the tester's clock.
 MINIMUM_REST_S, CLOCK_SLACK_S = 1800.0, 1.0
-# A voltage that moves by less is settled.
+# A voltage that moves by less than this is settled.
 SETTLED_V = 5e-3
-# A charge that ends full lasts so long, for what a brake gives back is shorter. At its end a
-# voltage is held within this for so long, for an LFP cell is full within minutes; the current
-# falls below this share meanwhile, and would take so long for the capacity.
+# A charge that ends full has at least this duration, because a regenerative brake is shorter. At
+# its end the voltage is held within the next value for the next time, as an LFP cell is full within
+# minutes; meanwhile the current falls below this share, and would need the last time for the
+# capacity.
 CHARGE_S, HELD_V, HELD_S, TAPERED, LEAST_HOURS = 300.0, 0.01, 60.0, 0.5, 10.0
-# So near the record's highest voltage is a held one, which brakes of a cold cell exceed.
+# A held voltage is this close to the record's highest, which braking of a cold cell exceeds.
 NEAR_HIGHEST_V = 0.06
 
 
@@ -243,7 +246,7 @@ def is_long(rest_s: float) -> bool:
 
 
 class Rest(NamedTuple):
-    """First and last sample of an unbroken rest, and for how long no current flowed, in s."""
+    """First and last sample of an uninterrupted rest, and the time in s without a current."""
 
     first: int
     last: int
@@ -252,7 +255,7 @@ class Rest(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Segments:
-    """The rests, loads and charges of a record in which currents below `rest_a` are none."""
+    """The rests, loads and charges of a record in which currents below `rest_a` count as none."""
 
     record: Record
     rest_a: float
@@ -274,8 +277,8 @@ class Segments:
         return tuple(map(Rest, first.tolist(), last.tolist(), (end_s - begin_s).tolist()))
 
     def rest_before(self, sample: int) -> tuple[int, float]:
-        """The last rested sample before the load at `sample` or the next one, and for how long the
-        cell had rested then, in s; zero where it had not, or nothing was before it."""
+        """The last rested sample before the load at `sample` or the next one, and the duration of
+        the rest until then in s; zero without a rest, or if nothing came before."""
         at = np.searchsorted(self.loaded, sample)
         last = int(self.loaded[at]) - 1 if at < len(self.loaded) else sample
         if at == 0 or last <= self.loaded[at - 1]:
@@ -285,8 +288,8 @@ class Segments:
     def directions(self, initial: int = 1) -> Channel:
         """The last direction of the current: +1 charging, -1 discharging (Sig of Eq. 5).
 
-        At rest the last direction goes on; before the first one it is `initial`, +1 for a cell that
-        comes from a charge.
+        A rest keeps the last direction; before the first load it is `initial`, +1 for a cell that
+        was charged before.
 
         >>> from barnax import bundled_file, read_record
         >>> directions = read_record(bundled_file("ocv_discharge")).segments(0.02).directions()
@@ -299,15 +302,15 @@ class Segments:
         return np.where(last_moving >= 0, -np.sign(current_a[last_moving]), float(initial))
 
     def long_loads(self, direction: int) -> list[tuple[int, int]]:
-        """First and last samples of charges (+1) or discharges (-1) without a pause, but for brakes
-        and other short ones."""
+        """First and last samples of charges (+1) or discharges (-1) without a pause, apart from
+        braking and other short interruptions."""
         ends = np.stack(runs(-direction * self.record.current_a > self.rest_a), axis=1)
         is_lasting = np.diff(self.record.time_s[ends], axis=1)[:, 0] >= CHARGE_S
         return [(first, last) for first, last in ends[is_lasting].tolist()]
 
     def held_charges(self, capacity_ah: float, least_v: float = -np.inf) -> Iterator[int]:
-        """The last samples of charges that end as one to full does: at a voltage, above that one,
-        that is held while the current tapers."""
+        """The last samples of charges that end like a full charge: at a voltage above the given
+        one, held while the current tapers."""
         for first, last in self.long_loads(1):
             voltage_v = self.record.voltage_v[first : last + 1]
             moving = np.flatnonzero(np.abs(voltage_v - voltage_v[-1]) > HELD_V)
@@ -320,32 +323,32 @@ class Segments:
                 yield last
 
     def full_charges(self, capacity_ah: float) -> list[int]:
-        """Those of which the voltage is the record's highest, whatever the cell."""
+        """Those at the record's highest voltage, whatever the cell."""
         highest_v = float(self.record.voltage_v.max())
         return list(self.held_charges(capacity_ah, highest_v - NEAR_HIGHEST_V))
 
 
 def runs(holds: Bool[np.ndarray, "samples"]) -> tuple[Indices, Indices]:
-    """First and last place of each unbroken run where `holds` is true, in order."""
+    """First and last index of each uninterrupted run where `holds` is true, in order."""
     edges = np.flatnonzero(np.diff(holds, prepend=False, append=False))
     return edges[::2], edges[1::2] - 1
 
 
 def equal_runs(values: np.ndarray, fewest: int = 1) -> tuple[Indices, Indices]:
-    """First and last place of each run of equal values, of so many at least."""
+    """First and last index of each run of at least this many equal values."""
     edges = np.flatnonzero(np.diff(values, prepend=np.nan, append=np.nan) != 0)
     is_long = np.diff(edges) >= fewest
     return edges[:-1][is_long], edges[1:][is_long] - 1
 
 
 def run_sums(values: np.ndarray, first: Indices, last: Indices) -> np.ndarray:
-    """The sum over each run, of which the first and last places are given."""
+    """The sum over each run, given by its first and last index."""
     total = np.append(0, np.cumsum(values))
     return total[last + 1] - total[first]
 
 
 def degc_in_name(name: str) -> float | None:
-    """The temperature in degC given in a file's name, None if there is none.
+    """The temperature in degC in a file's name; None without one.
 
     >>> [degc_in_name(name) for name in ("dst_25degC.csv", "ocv-5degC", "us06_minus10degC.csv")]
     [25.0, 5.0, -10.0]
@@ -354,19 +357,19 @@ def degc_in_name(name: str) -> float | None:
     return named and (-1 if named["minus"] else 1) * float(named["degrees"])
 
 
-# Answers to steps of the current agree where so much of them has one sign.
+# Responses to current steps agree if this share of them has one sign.
 _AGREEING = 0.5
 Steps = Float[np.ndarray, "steps"]
-# Steps of the current are changes by this share of the largest. Those of a load reach over this
-# share of the charge, from the first of these quantiles to the last: a few may stand apart.
+# Steps of the current are changes by this share of the largest. Those of a load extend over this
+# share of the charge, between these quantiles, since a few may be outside.
 STEP_SHARE, LEAST_REACH, _ENDS = 0.1, 0.05, (0.05, 0.95)
-# Fewer steps are no load.
+# Fewer steps are not a load.
 _FEWEST_STEPS = 10
 
 
 def reach_of_steps(current_a: Channel, charge: Channel) -> float:
-    """The charge, or the SOC, over which most of the current's steps reach; zero of few steps, as
-    a charge at one current has them at its ends.
+    """The charge, or the SOC, over which most current steps extend; zero if there are few, as in a
+    charge at one current, which has them at its ends.
 
     >>> round(reach_of_steps(np.resize([0.0, 1.0], 21), np.linspace(0.0, 1.0, 21)), 3)
     0.855
@@ -377,14 +380,15 @@ def reach_of_steps(current_a: Channel, charge: Channel) -> float:
 
 
 def reach(at: Float[np.ndarray, "steps"]) -> float:
-    """The charge, or the SOC, over which steps at these reach, but for a few at either end."""
+    """The charge, or the SOC, over which steps at these values extend, except for a few at either
+    end."""
     return float(np.ptp(np.quantile(at, _ENDS)))
 
 
 def step_resistance_ohm(step_a: Steps, step_v: Steps, fewest: int = 3) -> float:
-    """The median |dV/dI| of the larger half of the current steps; zero where they do not agree.
+    """The median |dV/dI| of the larger half of the current steps; zero if they disagree.
 
-    They agree where most of dI dV has one sign: small steps among relaxations are outweighed.
+    They agree if most of dI dV has one sign: small steps during relaxation carry less weight.
     """
     if len(step_a) < fewest:
         return 0.0

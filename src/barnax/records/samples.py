@@ -1,4 +1,4 @@
-"""A file's samples in s, A and V and the tester's ampere-hours, before the sign is known."""
+"""A file's samples in s, A and V and the tester's ampere-hours, before the sign is decided."""
 
 from functools import cached_property
 
@@ -14,26 +14,26 @@ from .lag import whole_lag
 from .record import STEP_SHARE, held, step_resistance_ohm
 from .table import COUNTS, Lines
 
-# The quantities that `Counters` takes, in its order.
+# The quantities of `Counters`, in its order.
 COUNTERS = ("charging capacity", "discharging capacity", "net capacity")
-# A current that stands still changes by less than this share of the largest.
+# A steady current changes by less than this share of the largest.
 STEADY_SHARE = 0.01
-# Levels of a load stand within this share of the largest current and are so far apart; so many
-# changes through a value between them, more than straight ones, are of means.
+# Levels of a load are constant within this share of the largest current and this far apart; this
+# many changes through a value between them, more than direct ones, indicate means.
 _STEADY, _APART, _BETWEEN, _FEWEST_BETWEEN = 0.015, 0.1, (0.1, 0.9), 5
-# An input that is not connected, or a value that was not measured, reads less.
+# An unconnected input, or a value that was not measured, reads less than this.
 _CONNECTED_V = 1e-3
-# The median of this many values is as good as that of all; of more, some are then left out.
+# The median of this many values is as good as that of all; of more, some are left out.
 _ENOUGH, MORE = 50_000, 250_000
 _FEWEST_SAMPLES, _SHORTEST_S = 5, 1e-6
-# The share of an interval by which few digits may change it.
+# The share of an interval by which limited digits may change it.
 _ROUNDED = 0.6
 
 
 class Samples(Lines):
-    """The lines of a record: a number everywhere, in s, A and V; the current's sign is the file's.
+    """The lines of a record: numbers in s, A and V throughout; the current has the file's sign.
 
-    The time counts from the first sample where it is a date.
+    If the time is a date, it counts from the first sample.
     """
 
     @property
@@ -58,12 +58,12 @@ class Samples(Lines):
 
     @cached_property
     def counters(self) -> Counters:
-        """The tester's own ampere-hours."""
+        """The tester's ampere-hour counters."""
         return Counters(*(self.values.get(name) for name in COUNTERS))
 
     @property
     def dialect(self) -> Dialect:
-        """Whose names the columns have."""
+        """The make with these column names."""
         return self.table.header.dialect
 
     @cached_property
@@ -78,7 +78,7 @@ class Samples(Lines):
 
     @cached_property
     def apart_s(self) -> float:
-        """The usual interval; between two, where few digits round it to either."""
+        """The usual interval; between two, where limited digits round it to either."""
         usual_s = self.interval_s
         is_near = np.abs(self.intervals_s - usual_s) < _ROUNDED * usual_s
         return float(np.mean(self.intervals_s[is_near])) if is_near.any() else usual_s
@@ -90,7 +90,7 @@ class Samples(Lines):
 
     @cached_property
     def too_short(self) -> Notice | None:
-        """An error where there are too few samples, or too little time."""
+        """An error if there are too few samples, or too little time."""
         if len(self) < _FEWEST_SAMPLES:
             return Notice("length.short", {"samples": len(self), "needed": _FEWEST_SAMPLES})
         span_s = np.ptp(self.time_s)
@@ -108,7 +108,8 @@ class Samples(Lines):
 
     @cached_property
     def answer_v(self) -> Float[np.ndarray, "intervals"]:
-        """What the voltage shows of the current's step in each interval, be it some rows late."""
+        """The response of the voltage to the current step in each interval, even several rows
+        late."""
         late = whole_lag(self.intervals_s, self.current_a, self.voltage_v)
         rows = np.arange(len(self.step_v)) + late
         is_there = (rows >= 0) & (rows < len(rows))
@@ -141,12 +142,12 @@ class Samples(Lines):
 
     @cached_property
     def begun_ah(self) -> Float[np.ndarray, "intervals"]:
-        """The charge of each interval, if its first sample's current flowed throughout."""
+        """The charge of each interval if its first sample's current flowed throughout."""
         return self.current_a[:-1] * self.intervals_s / 3600
 
     @cached_property
     def ended_ah(self) -> Float[np.ndarray, "intervals"]:
-        """The charge of each interval, if its last sample's current flowed throughout."""
+        """The charge of each interval if its last sample's current flowed throughout."""
         return self.current_a[1:] * self.intervals_s / 3600
 
     def held_ah(self, hold: str) -> Float[np.ndarray, "intervals"]:
@@ -161,7 +162,8 @@ class Samples(Lines):
 
     @cached_property
     def span_ah(self) -> float:
-        """The charge between the fullest and emptiest moments, by counters that count it too."""
+        """The charge between the fullest and emptiest moments, including what only counters
+        show."""
         # With many intervals, sums of several in a row give the same.
         starts = np.arange(0, len(self.ended_ah), 1 + len(self.ended_ah) // _ENOUGH)
         integrated_ah = float(np.ptp(np.cumsum(np.add.reduceat(self.ended_ah, starts))))
@@ -170,18 +172,18 @@ class Samples(Lines):
 
     @cached_property
     def noise_v(self) -> float:
-        """The noise of a voltage step while the current stands still."""
+        """The noise of a voltage step while the current is steady."""
         is_quiet = np.abs(few(self.step_a, MORE)) < STEADY_SHARE * self.peak_a
         return voltage_noise_v(few(self.step_v, MORE)[is_quiet])
 
     @cached_property
     def answered_ohm(self) -> float:
-        """The resistance at the steps that the voltage answers, even if there is only one; zero if
-        they do not determine it. Its sign is that of the voltage's answer."""
+        """The resistance at the steps with a response of the voltage, even if there is only one;
+        zero if they do not determine it. Its sign is that of the response."""
         steps = self.steps[self.answer_v[self.steps] != 0]
         step_a, step_v = self.step_a[steps], self.answer_v[steps]
         if len(steps) < 3:
-            # No lag is known of so few: what the next row shows is of the step too.
+            # With so few, the lag is unknown: the next row belongs to the step too.
             after = np.minimum(steps + 2, len(self.voltage_v) - 1)
             step_v = self.voltage_v[after] - self.voltage_v[steps]
         rising = np.sign(np.sum(step_a * step_v))
@@ -195,7 +197,7 @@ class Samples(Lines):
         """
         voltage_v = few(self.voltage_v)
         source_v = voltage_v - self.answered_ohm * few(self.current_a)
-        # Samples without a cell connected carry no information about it.
+        # Samples without a connected cell say nothing about it.
         source_v = source_v[np.abs(voltage_v) > _CONNECTED_V]
         if not len(source_v):
             return 0.0, 0.0
@@ -207,12 +209,12 @@ class Samples(Lines):
 
 
 def few(values: np.ndarray, most: int = _ENOUGH) -> np.ndarray:
-    """An even share of many values, whose median and quantiles are as good as those of all."""
+    """An evenly spaced subset, whose median and quantiles are as good as those of all."""
     return values[:: 1 + len(values) // most]
 
 
 def samples_of(lines: Lines) -> Samples:
-    """The samples of lines that have a finite time, current and voltage throughout."""
+    """The samples of lines with finite time, current and voltage."""
     values = dict(lines.values)
     for name in values.keys() & COUNTS:
         values[name] = values[name].astype(int)
@@ -227,9 +229,9 @@ def samples_of(lines: Lines) -> Samples:
 
 
 def voltage_noise_v(step_v: Float[np.ndarray, "quiet"]) -> float:
-    """Robust noise of one voltage step where nothing else happens, in V.
+    """Robust noise of one voltage step without any event, in V.
 
-    Never under half of the tester's resolution, which is the smallest such step.
+    At least half of the tester's resolution, which is the smallest such step.
     """
     steps = few(step_v)
     moved = np.abs(steps[steps != 0])
@@ -240,8 +242,8 @@ def voltage_noise_v(step_v: Float[np.ndarray, "quiet"]) -> float:
 
 
 def changes_through_values_between(current_a: Float[np.ndarray, "rows"]) -> int:
-    """How many changes of a load's level go through a row that holds a part of both; 0 where most
-    do not."""
+    """The number of changes of a load's level that go through a row with a value in between; 0 if
+    most do not."""
     largest_a = float(np.max(np.abs(current_a)))
     is_steady = np.abs(np.diff(current_a)) < _STEADY * largest_a
     is_far = np.abs(np.diff(current_a)) > _APART * largest_a

@@ -1,9 +1,9 @@
-"""Whether the values of columns are what their names say: in that unit, and of that quantity.
+"""Whether the values of columns have the unit and quantity that their names say.
 
-There is one judgement of scale, of time, current, charge and voltage in the units that are named.
+There is one judgement of scale for time, current, charge and voltage in the named units.
 
-A reading in another unit is judged by the witnesses that it brings to agree, less those that it
-puts off; of a voltage one look tells. A unit that the user gives is not in doubt.
+A reading in another unit is judged by the witnesses that it reconciles, less those that it
+contradicts; a voltage is judged by its values. A unit given by the user is not in doubt.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -23,20 +23,20 @@ from .witnesses import CERTAIN, CHARGE, LEAST_A, UnitReading, Witness, witnesses
 
 Channel = Float[np.ndarray, "samples"]
 
-# The weight from which a reading is reported as doubtful.
+# A reading is reported as doubtful from this weight on.
 _DOUBTFUL = 1.0
 
 
 def examine_scale(samples: Samples, capacity_ah: float | None = None) -> Samples:
-    """The samples in s, A and Ah, told which unit is another than was named or assumed.
+    """The samples in s, A and Ah, with notices of units other than those named or assumed.
 
-    A time whose name has no unit, and a charge, are taken in the one that the witnesses tell; where
-    they leave several, the user is asked. `capacity_ah` is a witness too.
+    A time whose name has no unit, and a charge, are read in the unit that the witnesses agree on;
+    if several remain, the user is asked. `capacity_ah` is a witness too.
     """
     if samples.peak_a < LEAST_A:
         samples = samples.telling(0, "unit.zero", column=samples.header("current"))
     asked = None
-    # One unit is the odd one out, and behind it may be another.
+    # One unit is wrong, and may have hidden another.
     for _ in range(2):
         best = _best(samples, list(witnesses_of(samples, capacity_ah)))
         if not best:
@@ -54,13 +54,13 @@ def examine_scale(samples: Samples, capacity_ah: float | None = None) -> Samples
     return _with_unusual(samples)
 
 
-# Not one in a hundred measured records lasts so long, or so short beside so large a swing of the
-# voltage, or is at so low a rate; no other than of coin cells has so large a resistance.
+# Not one in a hundred measured records is this long, or this short with so large a swing of the
+# voltage, or has so low a rate; only coin cells have so large a resistance.
 _LONG_S, _SHORT_S, _SWUNG_V, _RATE, _COIN_OHM = 50 * DAY_S, 2500.0, 0.6, 1 / 300, 1.0
 
 
 def _with_unusual(samples: Samples) -> Samples:
-    """The samples, with notes of units in no doubt that make an unusual record all the same."""
+    """The samples, with notes of units that are not in doubt but make an unusual record."""
     said = {one.values["quantity"] for one in samples.findings if one.code == "unit.reading"}
     time, current = samples.columns["time"], samples.columns["current"]
     span_ah, ohm, length_s = samples.span_ah, abs(samples.answered_ohm), samples.length_s
@@ -83,7 +83,7 @@ def _with_unusual(samples: Samples) -> Samples:
 
 
 def _best(samples: Samples, witnesses: Sequence[Witness]) -> list[UnitReading]:
-    """The readings of the largest weight; none where the units as they are agree best."""
+    """The readings with the largest weight; none if the units as they are agree best."""
     readings = []
     for reading in _readings(samples):
         votes = [(witness.vote(reading), witness.says) for witness in witnesses]
@@ -92,15 +92,15 @@ def _best(samples: Samples, witnesses: Sequence[Witness]) -> list[UnitReading]:
         readings.append(replace(reading, weight=weight, reasons=tuple(reasons)))
     most = max((reading.weight for reading in readings), default=0.0)
     best = [reading for reading in readings if reading.weight == most >= _DOUBTFUL]
-    # Of two units of the current as good, the usual one.
+    # Of two equally good units of the current, the usual one.
     currents = [reading for reading in best if reading.quantity == "current"]
     return [reading for reading in best if reading not in currents[1:]]
 
 
 def _readings(samples: Samples) -> Iterator[UnitReading]:
-    """The other units that a quantity may be in, which the user has not given."""
+    """The other possible units of a quantity, unless the user has given one."""
     time, current = samples.columns["time"], samples.columns["current"]
-    # Clock times have no unit, and dates one of their own.
+    # Clock times have no unit, and dates have their own.
     is_number = not is_clock(samples.table.columns[time.index])
     is_number &= time.unit in time.quantity.units.values()
     if is_number and not (time.is_unit_given or samples.table.has_fixed_units):
@@ -112,7 +112,7 @@ def _readings(samples: Samples) -> Iterator[UnitReading]:
             twice = "converted to seconds twice"
             yield UnitReading("time", ("time",), None, 1 / 60, f"minutes, {twice}")
             yield UnitReading("time", ("time",), None, 1 / 3600, f"hours, {twice}")
-    # By factors, for a current may be given as the charge of every interval.
+    # By factors, because a current may be given as the charge of every interval.
     units = {unit.factor: unit for unit in QUANTITY_OF["current"].units.values()}
     named = units.pop(current.unit.factor)
     for unit in () if current.is_unit_given else units.values():
@@ -126,7 +126,7 @@ def _readings(samples: Samples) -> Iterator[UnitReading]:
 
 
 def _settled(samples: Samples, best: list[UnitReading]) -> Samples:
-    """The samples in the unit that is told, and the notice of it."""
+    """The samples in the unit decided on, and the notice of it."""
     reading, kind = best[0], best[0].quantity
     column = samples.columns[reading.names[0]]
     is_free = column.is_unit_assumed and kind != "current"
@@ -166,17 +166,17 @@ def _settled(samples: Samples, best: list[UnitReading]) -> Samples:
     return mended.telling(at, "unit.reading", **values, case=case)
 
 
-# Past 10 V it is no cell but a module, past 1000 V a cell in millivolts, and past 10,000 V no pack
-# at all; 100 V is no reading of a single cell.
+# Above 10 V it is a module, above 1000 V a cell in millivolts, above 10,000 V not even a pack; 100
+# V is not a single cell.
 _MODULE_V, _MILLIVOLT_V, _IMPOSSIBLE_V = 10.0, 1000.0, 100.0
 # Volts that were divided by a thousand once too often.
 _KILOVOLT_V = 0.01
 _NEARLY_ALL = 0.95
-# Every reading of a cell in use lies within.
+# Every reading of a cell in use lies within this range.
 _LEAST_V, _FULL_V = 1.5, 5.0
 # The voltage by which cells in series are counted.
 _NOMINAL_V = 3.6
-# A voltage that moves by no more is stuck, with a digit of noise.
+# A voltage that moves by no more than this is stuck, apart from one digit of noise.
 STILL_V = 2e-4
 
 
@@ -190,7 +190,7 @@ def examine_voltage_unit(samples: Samples) -> Samples:
 
     current_a, voltage_v = samples.current_a, samples.voltage_v
     low_v, high_v = CELL_RANGE_V
-    # With its sign turned, nearly all of it must be a cell's voltage.
+    # With its sign reversed, nearly all of it has to be a cell's voltage.
     is_swapped = np.mean((-voltage_v >= low_v) & (-voltage_v <= high_v)) > _NEARLY_ALL
     is_cells = _LEAST_V < current_a.min() < current_a.max() < _FULL_V
     is_none = middle_v < _LEAST_V or np.mean(voltage_v < 0) > 1 - _NEARLY_ALL
@@ -204,7 +204,7 @@ def examine_voltage_unit(samples: Samples) -> Samples:
         middle_v = abs(middle_v)
     is_given = samples.columns["voltage"].is_unit_given
     if middle_v > _MILLIVOLT_V and not is_given:
-        # Beside a current in milliamperes, that is how the tester was set.
+        # With a current in milliamperes, the tester was set to such units.
         is_one = middle_v < 1e3 * _MODULE_V
         is_set = samples.columns["current"].unit.symbol == "mA" and is_one
         rename = samples.columns["voltage"].quantity.name_in("mV")
@@ -224,16 +224,16 @@ def examine_voltage_unit(samples: Samples) -> Samples:
     return samples
 
 
-# A cell of LTO is full below the first, one of LFP rests above the second but near empty, and no
-# cell goes above the third; most are full at the fourth.
+# A cell of LTO is full below the first voltage, one of LFP rests above the second except near
+# empty, and no cell exceeds the third; most are full at the fourth.
 _LTO_V, _LFP_V, _HIGHEST_V, _CHARGED_V = 2.95, 3.0, 4.65, 4.2
-# Below this, the voltage is that of one already.
+# Below this, the voltage is already that of one cell.
 _LEAST_CELL_V = 1.0
 _ENDS = (1e-3, 0.5, 0.999)
 
 
 def of_one_cell(voltage_v: Channel, series: int) -> Channel:
-    """The voltage of one of the cells in series; as it is where it is one cell's already."""
+    """The voltage of one of the cells in series; unchanged if it is already one cell's."""
     finite_v = np.abs(voltage_v[np.isfinite(voltage_v)])
     middle_v = np.median(finite_v) if len(finite_v) else 0.0
     is_one = middle_v <= CELL_RANGE_V[1] and middle_v / series < _LEAST_CELL_V
@@ -241,15 +241,15 @@ def of_one_cell(voltage_v: Channel, series: int) -> Channel:
 
 
 def examine_series(samples: Samples, series: int) -> Samples:
-    """The samples with the voltage of one of the cells in series, noted; warned of where no known
-    lithium-ion cell has it."""
+    """The samples with the voltage of one of the cells in series, with a note, and a warning if no
+    known lithium-ion cell has it."""
     voltage_v = of_one_cell(samples.voltage_v, series)
     if voltage_v is samples.voltage_v:
         return samples
     values = {"column": samples.header("voltage"), "series": series}
     samples = samples.having(voltage=voltage_v).noting(Notice("series.divided", values))
     low_v, middle_v, high_v = np.quantile(samples.voltage_v, _ENDS)
-    # Half of what is one cell's is a voltage of LTO too.
+    # Half of a cell's voltage may also be that of an LTO cell.
     is_lto = middle_v >= _LEAST_V and high_v <= _LTO_V and series * high_v > _HIGHEST_V
     if is_lto or (middle_v >= _LFP_V and high_v <= _HIGHEST_V):
         return samples
@@ -262,7 +262,7 @@ def examine_series(samples: Samples, series: int) -> Samples:
 
 
 def examine_voltage_range(samples: Samples) -> Samples:
-    """The samples whose voltage is possible for one cell, with notices of the others."""
+    """The samples with a voltage that is possible for one cell, and notices of the others."""
     name, (low_v, high_v) = samples.header("voltage"), CELL_RANGE_V
     voltage_v = samples.voltage_v
     outside = (voltage_v < low_v) | (voltage_v > high_v)
@@ -273,23 +273,23 @@ def examine_voltage_range(samples: Samples) -> Samples:
     step_v = np.abs(samples.step_v)
     beside_v = np.maximum(np.append(0.0, step_v), np.append(step_v, 0.0))[outside]
     if voltage_v.min() >= 0 and voltage_v.max() <= high_v and beside_v.max() < low_v / 2:
-        # A cell that loses its contact, or gets it, jumps there.
+        # A cell that loses or regains its contact jumps there.
         at, least_v = int(np.argmin(voltage_v)), voltage_v.min()
         low = notice_at(samples, at, "voltage-unit.half-cell", column=name, least_v=least_v)
-        # One that never comes near a half cell's either is in another unit.
+        # A voltage that never comes near a half cell's is in another unit.
         return samples.noting(low.rated("warning" if voltage_v.max() < low_v / 10 else "note"))
     severity: Severity = "error" if impossible.any() else "warning"
     given = {"voltage_v": voltage_v[first], "column": name, "samples": outside.sum()}
     is_most = outside.mean() > 0.5
     given |= {"low_v": low_v, "high_v": high_v, "most": "true" if is_most else None}
     outlier = notice_at(samples, first, "voltage-unit.outside", **given).rated(severity)
-    # If nearly all is outside, the rest shows nothing either.
+    # If nearly all is outside, the rest says nothing either.
     return samples.noting(outlier) if is_most else samples.noting(outlier).keep(~outside)
 
 
 def ask_once(findings: Sequence[Notice], columns: Mapping[str, Column]) -> list[Notice]:
-    """The findings, with one error that asks for all units that are missing, where one is asked for
-    and that of another column is in doubt too; beside bare millivolts all are."""
+    """The findings, with one error that asks for all missing units if one is asked for and another
+    column is in doubt too; with bare millivolts, all are."""
     bare = {column.header for column in columns.values() if column.is_unit_assumed}
     asked, open_too = [], [one for one in findings if one.code == "columns.units"]
     for one in findings:
@@ -307,7 +307,7 @@ def ask_once(findings: Sequence[Notice], columns: Mapping[str, Column]) -> list[
 
 
 def describe_units(columns: Mapping[str, Column]) -> Iterator[Notice]:
-    """Notes of the units that were assumed, and of those that were converted."""
+    """Notes of units that were assumed or converted."""
     if any(column.is_unit_assumed for column in columns.values()):
         yield bare_units(columns)
     converted = [
@@ -320,7 +320,8 @@ def describe_units(columns: Mapping[str, Column]) -> Iterator[Notice]:
 
 
 def bare_units(columns: Mapping[str, Column], reason: str | None = None) -> Notice:
-    """All columns without a unit, with the option that settles them; a warning for a reason."""
+    """All columns without a unit, with the option that settles them; a warning if there is a reason
+    to doubt them."""
     bare = {name: column for name, column in columns.items() if column.is_unit_assumed}
     units = ", ".join(f"{one.unit.symbol} for '{one.header.strip()}'" for one in bare.values())
     option = ",".join(f"{name}={column.header}:UNIT" for name, column in bare.items())

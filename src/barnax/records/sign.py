@@ -1,7 +1,7 @@
 """The sign of a file's current, decided from its data.
 
 Column names promise a sign and break the promise (A123 files with Battery Data Format names are
-discharge-positive), so they count only where the data say nothing.
+discharge-positive), so they only count if the data say nothing.
 """
 
 from collections.abc import Sequence
@@ -21,9 +21,9 @@ from .table import notice_at
 
 
 def decide_sign(samples: Samples, given: AutoSign, file: str) -> tuple[Decision, list[Notice]]:
-    """The file's sign of current, and what is to be said of how it was found.
+    """The file's sign of the current, and notices about the decision.
 
-    Raises InputError when a sign is given against strong evidence.
+    Raises InputError if the given sign contradicts strong evidence.
     """
     shown = _from_data(samples)
     if given == "auto":
@@ -49,10 +49,10 @@ def decide_sign(samples: Samples, given: AutoSign, file: str) -> tuple[Decision,
 
 
 def _from_data(samples: Samples) -> Decision | None:
-    """The sign that the evidence favors, or None where there is none.
+    """The sign that the evidence favors; None without evidence.
 
-    The record as a whole, of which no row is late, is asked where the looks leave doubt, or are
-    against it.
+    The record as a whole, in which lags do not matter, is used if single tests leave doubt or
+    contradict.
     """
     looks = _at_current_steps, _under_sustained_current, _of_counters, _of_states
     evidence = [one for look in looks if (one := look(samples)) is not None]
@@ -63,10 +63,10 @@ def _from_data(samples: Samples) -> Decision | None:
 
 
 def _weighed(evidence: Sequence[Decision], value: str = "") -> Decision | None:
-    """The sign of that value, or where none is given of most of the evidence.
+    """The given sign, or that of most of the evidence.
 
-    Where it weighs the same on either side, the first decides: the voltage is physics, the counters
-    are names.
+    If both sides weigh the same, the first one decides: the voltage is physics, the counters are
+    names.
     """
     if not evidence:
         return None
@@ -84,13 +84,13 @@ def _weighed(evidence: Sequence[Decision], value: str = "") -> Decision | None:
 
 
 def _evidence(agreement: float, is_strong: bool | np.bool_, words: str) -> Decision:
-    """What one look at the data says, by its agreement with a charge-positive current."""
+    """The evidence of one test, from its agreement with a charge-positive current."""
     value = CHARGE if agreement > 0 else DISCHARGE
     return Decision(value, "strong" if is_strong else "weak", words)
 
 
 def _doubts(samples: Samples, sign: Decision) -> list[Notice]:
-    """A sign that is doubtful, or another than the columns' names mean."""
+    """Notices of a sign that is doubtful, or differs from what the column names mean."""
     column, make = samples.columns["current"], samples.dialect
     promised = column.sign or make.sign
     values: dict[str, str | None] = {"sign": sign.value, "reason": sign.reason}
@@ -105,16 +105,16 @@ def _doubts(samples: Samples, sign: Decision) -> list[Notice]:
     return [notice_at(samples, int(at[0]) + 1 if len(at) else 0, code, **values)]
 
 
-# A current of one sign, but for its noise. Of signed currents hardly any step contradicts the
-# others; of magnitudes some do.
+# A current of one sign, apart from its noise. With a signed current hardly any step contradicts the
+# others; with magnitudes some do.
 _NEVER_SHARE, _FEWEST_DENIALS, _DENIED_SHARE = 0.01, 3, 0.02
 
 
 def examine_direction(samples: Samples) -> Samples:
-    """The samples with a current that has a sign, and what gave it one.
+    """The samples with a signed current, and the source of its sign.
 
-    A tester may print the current without its sign, and the direction beside it. Without that, an
-    error where the cell is both charged and discharged by its voltage.
+    A tester may print the current without its sign and the direction in another column. Without
+    that, it is an error if the voltage shows both charge and discharge.
     """
     current_a, state = samples.current_a, samples.state
     peak_a = samples.peak_a
@@ -122,7 +122,7 @@ def examine_direction(samples: Samples) -> Samples:
         return samples
     name = samples.header("current")
     if state is not None and np.any((current_a != 0) & ((state == 1) | (state == -1))):
-        # Within any other state, the previous state determines the direction.
+        # In any other state, the previous one determines the direction.
         last = np.maximum.accumulate(np.where(np.abs(state) == 1, np.arange(len(state)), -1))
         direction = np.where(last >= 0, -state[last], 1)
         note = Notice("sign.by-state", {"column": name, "state": samples.header("state")})
@@ -137,15 +137,15 @@ def examine_direction(samples: Samples) -> Samples:
 
 
 def step_votes(samples: Samples) -> tuple[Int[np.ndarray, "steps"], Float[np.ndarray, "steps"]]:
-    """The clear current steps, and for each +1 where the file's current raises the voltage."""
+    """The clear current steps, with +1 for each at which the file's current raises the voltage."""
     at = samples.steps
     at = at[np.abs(samples.answer_v[at]) > 6 * samples.noise_v]
     return at, np.sign(samples.step_a[at] * samples.answer_v[at])
 
 
 def _at_current_steps(samples: Samples) -> Decision | None:
-    """A cell's resistance lifts its voltage when the charging current steps up, or a few rows
-    later where the voltage is late."""
+    """A cell's resistance raises the voltage when the charging current steps up, or several rows
+    later if the voltage is late."""
     noise_v = voltage_noise_v(few(samples.answer_v, MORE)[~few(samples.is_step, MORE)])
     at = samples.steps
     step_v = samples.answer_v[at]
@@ -155,7 +155,8 @@ def _at_current_steps(samples: Samples) -> Decision | None:
     is_strong = share >= 0.85 and count >= max(3, 0.2 * len(at))
     if not is_strong:
         every = vote, share, count = _agreement(product)
-        # Small steps among relaxations stand out only by their number: four sigma of a fair coin.
+        # Small steps during relaxation are significant only by their number: four sigma of a fair
+        # coin.
         is_strong = share >= 0.7 and (2 * share - 1) * count**0.5 >= 4
         vote, share, count = every if is_strong else clear
     steps = f"{round(share * count)} of {count} steps"
@@ -174,15 +175,16 @@ def _agreement(product: Float[np.ndarray, "steps"]) -> tuple[int, float, int]:
     return vote, float(np.sum(product * vote > 0)) / max(len(product), 1), len(product)
 
 
-# Up to so many parts of the record, each of so many samples, are compared where there are so many.
-# The charge that passes is that of the largest current for so many hours; it moves the voltage so
-# far, and explains it so far; the second is strong.
+# At most this many parts of the record, each of this many samples, are compared. The charge passed
+# is that of the largest current over this many hours; it moves the voltage this far, and explains
+# this share of it, the second of which is strong.
 _PARTS, _PART, _FEWEST_PARTS = 100, 20, 10
 _PASSED_H, _MOVED_V, _EXPLAINS = 0.05, 0.1, (0.8, 0.9)
 
 
 def _over_the_record(samples: Samples) -> Decision | None:
-    """Charge that goes in lifts the voltage at the same current, however late it is logged."""
+    """Charge that enters the cell raises the voltage at equal current, however late it is
+    logged."""
     count = min(_PARTS, len(samples) // _PART)
     charge_ah = np.cumsum((samples.begun_ah + samples.ended_ah) / 2)
     if count < _FEWEST_PARTS or np.ptp(charge_ah) < _PASSED_H * samples.peak_a:
@@ -208,7 +210,7 @@ def _over_the_record(samples: Samples) -> Decision | None:
 
 
 def _under_sustained_current(samples: Samples) -> Decision | None:
-    """A steady charging current lifts the voltage; weighed by how far it moves."""
+    """A steady charging current raises the voltage; weighted by the change."""
     current, voltage = samples.current_a, samples.voltage_v
     magnitude = np.abs(current)
     is_loaded = magnitude > 0.05 * samples.peak_a
@@ -217,7 +219,7 @@ def _under_sustained_current(samples: Samples) -> Decision | None:
     noise_v = voltage_noise_v(few(samples.step_v, MORE))
     first, last_interval = runs(is_steady)
     last = last_interval + 1
-    # Eight intervals keep single relaxations out; what moves less than the noise is no trend.
+    # Eight intervals exclude single relaxations; a change smaller than the noise is not a trend.
     is_long = last - first >= 8
     first, last = first[is_long], last[is_long]
     move_v = voltage[last] - voltage[first]
@@ -236,7 +238,7 @@ def _under_sustained_current(samples: Samples) -> Decision | None:
 
 
 def _of_counters(samples: Samples) -> Decision | None:
-    """The tester's own counters say which current it calls a charge."""
+    """The tester's counters say which current it calls a charge."""
     counted_ah = samples.counters.increments_ah(with_net=False)
     if counted_ah is None:
         return None
@@ -250,7 +252,7 @@ def _of_counters(samples: Samples) -> Decision | None:
 
 
 def _of_states(samples: Samples) -> Decision | None:
-    """The file's own words for what a step does."""
+    """The file's words for the steps."""
     if samples.state is None:
         return None
     votes = -np.sign(samples.current_a) * np.where(np.abs(samples.state) == 1, samples.state, 0)

@@ -1,8 +1,8 @@
-"""Loggers that write no current, or no rows at all, while no current flows.
+"""Loggers that write no current, or no rows, while no current flows.
 
-Whether that is why something is missing, the voltage tells. Where a load is switched off, it steps
-by R times the current. Through a gap in which a load goes on, E = v + R i falls by the charge times
-the slope of E; through a rest it relaxes the other way.
+The voltage shows whether that is the reason for a gap. When a load is switched off, the voltage
+steps by R times the current. Through a gap in which the load continues, E = v + R i falls by the
+charge times the slope of E; through a rest it relaxes in the other direction.
 """
 
 import numpy as np
@@ -14,31 +14,32 @@ from .table import Lines
 
 # An interval is a gap if it is this much longer than the usual ones on both of its sides.
 _GAP, _BESIDE = 3.0, 7
-# Such intervals are gaps only if of those within so much of their length more than this share are.
+# Such intervals are gaps only if they are more than this share of all intervals with a length
+# within this factor.
 _ALIKE, _FEW_ALIKE = 0.02, 0.05
 # A logger that writes nothing at rest has less than this share of the gaps' time in rows with less
 # than this share of the largest current.
 _WRITTEN, _NO_CURRENT = 0.2, 1e-3
-# What flowed in the last minute has not relaxed, and does so within about as long, by so much of R
-# times that, give or take as much.
+# The response to the current of the last minute has not relaxed yet; it does so in about this time,
+# by this share of R times the current, with this uncertainty.
 _LATELY_S, _RELAXING, _USUAL_DROP = 60.0, 0.5, 0.01
-# E is known within so much and this share of R times what the current differs by, and what a load
-# lets it fall by within this share; its slope is that of so many rows before a gap.
+# E is known within this value and this share of R times the difference of the currents, its fall
+# under load within this share; its slope is that of this many rows before a gap.
 _WITHIN_V, _WITHIN_SHARE, _FALL_SHARE, _ROWS = 2e-3, 0.1, 0.4, 2000
-# Loads on either side of a gap are one where they differ by less than this share; where so many
-# are, gaps do not tell of each other.
+# The loads on either side of a gap are equal if they differ by less than this share; if this share
+# of them is, gaps say nothing about each other.
 _STEADY, _STEADY_SHARE = 0.05, 0.5
-# In logarithms of likelihood: one gap tells no more of all than this, and all have to tell as much.
+# Log-likelihoods: no gap contributes more than this to the total, which has to reach as much.
 _MOST = 4.0
-# Of the steps where a current ends or begins to be written, so many must be those of a load.
+# Of the steps where a current ends or begins to be written, this share has to be of a load.
 _AGREEING, _NEAR, _FEWEST = 0.8, 0.5, 2
 
 
 def flowing_shares(record: Record) -> Float[np.ndarray, "intervals"] | None:
-    """The share of each interval for which its current flowed: of gaps that are rests, no more than
-    a usual interval's. None where there are none.
+    """The share of each interval in which its current flowed: for gaps that are rests, no more than
+    a usual interval's. None without such gaps.
 
-    How E moves through all gaps is more likely of rests than of the load before or a usual one.
+    Gaps are rests if the course of E is more likely than with the load before them or a usual load.
     """
     interval_s, current_a, held_a = record.interval_s, record.current_a, record.interval_current_a
     usual_s, peak_a = record.usual_s, float(np.max(np.abs(current_a)))
@@ -50,7 +51,7 @@ def flowing_shares(record: Record) -> Float[np.ndarray, "intervals"] | None:
     if not len(gaps):
         return None
     is_silent = np.sum(interval_s[is_written]) < _WRITTEN * np.sum(interval_s[gaps])
-    # Without steps of the current R is what it mostly is, and E moves as the voltage does.
+    # Without current steps, R is a typical one, and E follows the voltage.
     ohm = record.resistance_ohm or _USUAL_DROP * np.median(record.voltage_v) / peak_a
     gap_s = interval_s[gaps]
     shown_s = interval_s.copy()
@@ -66,7 +67,7 @@ def flowing_shares(record: Record) -> Float[np.ndarray, "intervals"] | None:
     error_v = _WITHIN_V + _WITHIN_SHARE * ohm * np.abs(np.diff(current_a)[gaps])
 
     def likelihood(flowing_a: Float[np.ndarray, "gaps"] | float) -> Float[np.ndarray, "gaps"]:
-        """The logarithm of that of how E moves, where so much flows through the gaps."""
+        """The log-likelihood of the course of E if this current flows through the gaps."""
         relaxing_v = _RELAXING * ohm * (lately_a - flowing_a) * -np.expm1(-gap_s / _LATELY_S)
         fall_v = falls * flowing_a * gap_s / 3600
         variance = error_v**2 + relaxing_v**2 + (_FALL_SHARE * fall_v) ** 2
@@ -75,10 +76,11 @@ def flowing_shares(record: Record) -> Float[np.ndarray, "intervals"] | None:
 
     usual_a = 3600 * out_ah[-1] / clock_s[-1]
     evidence = likelihood(0.0) - np.maximum(likelihood(held_a[gaps]), likelihood(usual_a))
-    # A logger that writes changes alone has gaps between rows of one current, under a steady load.
+    # A logger that writes changes only has gaps between rows with equal current, under a steady
+    # load.
     is_steady = np.abs(np.diff(current_a)[gaps]) < _STEADY * np.abs(current_a[gaps])
     is_silent &= np.mean(is_steady) < _STEADY_SHARE
-    # Of a logger that writes rests, a gap is one that tells it alone, such as a clock that was set.
+    # For a logger that does write rests, a gap is an exception, such as a clock that was set.
     is_conclusive = is_silent and np.sum(np.clip(evidence, -_MOST, _MOST)) >= _MOST
     rests = gaps[evidence > -_MOST] if is_conclusive else gaps[evidence >= _MOST]
     shares = np.ones(len(interval_s))
@@ -87,8 +89,8 @@ def flowing_shares(record: Record) -> Float[np.ndarray, "intervals"] | None:
 
 
 def gaps_in(interval_s: Float[np.ndarray, "intervals"]) -> Int[np.ndarray, "gaps"]:
-    """The intervals far longer than the usual one before and the usual one after them."""
-    # Only what is long against the shortest in a hundred is worth a look at its neighbors.
+    """The intervals far longer than the usual ones before and after them."""
+    # Only intervals that are long compared to the shortest in a hundred are candidates.
     likely = np.flatnonzero(interval_s > _GAP * np.quantile(interval_s, 0.01))
     padded = np.concatenate([np.full(_BESIDE, np.nan), interval_s, np.full(_BESIDE, np.nan)])
     near = likely[:, None] + np.arange(_BESIDE)
@@ -98,7 +100,7 @@ def gaps_in(interval_s: Float[np.ndarray, "intervals"]) -> Int[np.ndarray, "gaps
     after[likely == len(interval_s) - 1] = -np.inf
     usual_s = np.maximum(np.nanmedian(before, axis=1), np.nanmedian(after, axis=1))
     gaps = likely[interval_s[likely] > _GAP * usual_s]
-    # Intervals of a length that is common elsewhere are how the tester samples.
+    # An interval of a length that is common elsewhere is part of the tester's sampling.
     gap_s = interval_s[gaps]
     among_gaps, among_all = (
         np.searchsorted(sorted_s, gap_s * (1 + _ALIKE), "right")
@@ -109,7 +111,7 @@ def gaps_in(interval_s: Float[np.ndarray, "intervals"]) -> Int[np.ndarray, "gaps
 
 
 def _fall(out_ah: Float[np.ndarray, "rows"], source_v: Float[np.ndarray, "rows"]) -> float:
-    """By how much E falls with every ampere-hour, in V."""
+    """The fall of E per ampere-hour, in V."""
     apart_ah = out_ah - np.mean(out_ah)
     spread = float(apart_ah @ apart_ah)
     return max(-float(apart_ah @ source_v) / spread, 0.0) if spread else 0.0
@@ -117,8 +119,8 @@ def _fall(out_ah: Float[np.ndarray, "rows"], source_v: Float[np.ndarray, "rows"]
 
 @np.errstate(all="ignore")  # absurd values overflow before they are found out
 def examine_empty_current(lines: Lines) -> Lines:
-    """The lines with a current of zero where none is written, if their voltage says that the load
-    is off there: by the steps that the written current shows elsewhere."""
+    """The lines with a current of zero where none is written, if the voltage steps there as it does
+    where a written current shows that the load is off."""
     if not lines.columns.keys() >= NEEDED:
         return lines
     column = lines.table.columns[lines.columns["current"].index]

@@ -1,4 +1,4 @@
-"""One file, or one data frame, as it was read: what records, checks and OCV tables are of."""
+"""One file, or one data frame, as it was read: the source of records, checks and OCV tables."""
 
 import hashlib
 import os
@@ -22,26 +22,26 @@ from .readers import read_table
 from .samples import Samples
 from .table import LARGEST_FILE, Table, table_sha256
 
-# A file or what was read of one, a `Record`, or a data frame.
+# A file or its content, a `Record`, or a data frame.
 Given = Any
 STDIN, STDIN_NAME = Path("-"), "standard input"
 # The names under which a shell passes another command's output.
 _PIPES, _PIPE_NAME = (Path("/dev/fd"), Path("/proc/self/fd")), "piped file"
 _LONGEST_WARNING = 200
 _MAX_IN_SERIES = 1000
-# What lies in a folder beside measured files, and is no candidate for one.
+# Files that are common in folders of measurements, and are no candidates.
 _BESIDE = (".toml", ".json")
 _TEMPORARY = (".", "~$")
 
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """One file, or one data frame, as it was read: what records, checks and OCV tables are of.
+    """One file, or one data frame, as it was read: the source of records, checks and OCV tables.
 
-    `name` is what messages and results call it; `sha256` is of the file's bytes, or of the frame's
+    `name` is used in messages and results; `sha256` is that of the file's bytes, or of the frame's
     names and values. A source with `span_s` is the part of a file between two times of its own
-    clock. Its voltage is that of so many cells in `series`. `logger` has what other records of its
-    logger show.
+    clock. Its voltage is that of `series` cells in series. `logger` has the evidence of other
+    records of its logger.
     """
 
     name: str
@@ -57,18 +57,18 @@ class Source:
             raise InputError(f"{given}, the number of cells in series")
 
     def logged_by(self, loggers: Mapping[tuple[str, ...], Logger]) -> Self:
-        """The source with its logger, of those known by the names of their columns."""
+        """The source with its logger, by the names of its columns."""
         return replace(self, logger=loggers.get(self.table.header.names))
 
     def cut(self, samples: Samples) -> Samples:
-        """The samples of the part that is meant."""
+        """The samples of the part in `span_s`."""
         if self.span_s is None:
             return samples
         return samples.keep((samples.time_s >= self.span_s[0]) & (samples.time_s <= self.span_s[1]))
 
 
 def name_of(path: Path) -> str:
-    """What the record in a file is called."""
+    """The name of the record in a file."""
     if path == STDIN or path.parent in _PIPES:
         return STDIN_NAME if path == STDIN else _PIPE_NAME
     return printable(path.name)
@@ -83,9 +83,9 @@ def read_source(
 ) -> Source:
     """The table in a file, whose format is detected from its content; "-" is the standard input.
 
-    `columns` are names of columns where barnax does not know them, and `series` how many cells are
-    in series, as `read_record` takes them. `content` is the file's where it was fetched already.
-    Raises InputError where the file cannot be read.
+    `columns` are names of columns that barnax does not know, and `series` the number of cells in
+    series, as for `read_record`. `content` is the file's, if it has already been read. Raises
+    InputError if the file cannot be read.
     """
     given = read_columns(columns)
     if not isinstance(path, str | os.PathLike):
@@ -108,15 +108,15 @@ def read_source(
 
 
 def folders_around(folder: Path) -> tuple[Path, ...]:
-    """The folders in which a file is looked for that a plan or a result in `folder` names: its
-    data may have moved with it."""
+    """The folders in which a file of a plan or result in `folder` is looked for: its data may have
+    moved with it."""
     has_name = folder.name not in ("", "..")
     return tuple(dict.fromkeys((folder, (folder if has_name else folder.resolve()).parent, Path())))
 
 
 def find_file(name: str, sha256: str, folders: Sequence[Path]) -> Path | Notice:
-    """The file of that name in one of the folders, and of that content if its digest is given; why
-    there is none."""
+    """The file of this name in one of the folders, with the given digest if there is one, and the
+    reason if there is none."""
     paths = [folder / name for folder in folders if (folder / name).is_file()]
     if not paths:
         return Notice("file.not-found", {"folders": ", ".join(map(str, folders))}, name)
@@ -129,9 +129,8 @@ def find_file(name: str, sha256: str, folders: Sequence[Path]) -> Path | Notice:
 def find_planned(
     file: Path, name: str, sha256: str = "", *, beside: Path
 ) -> tuple[Path, tuple[Notice, ...]]:
-    """A file that a plan in `beside` names, where it lies, with a warning where its digest says
-    that it is another one now, or where only its name says that it is the one: it lies elsewhere,
-    and its digest is not known."""
+    """The path of a file that a plan in `beside` names, with a warning if its digest differs, or if
+    it is elsewhere and only its name agrees because the digest is unknown."""
     named = [path for path in dict.fromkeys((beside / file, file)) if os.path.isfile(path)]
     around = [path for folder in folders_around(beside) if os.path.isfile(path := folder / name)]
     digests = {path: _sha256_of(path) for path in named or around} if sha256 else {}
@@ -148,7 +147,7 @@ def find_planned(
 
 
 def _sha256_of(path: Path) -> str:
-    """The digest of a file; empty where it cannot be read, which is refused where it is needed."""
+    """The digest of a file; empty if it cannot be read, which is refused when it is needed."""
     try:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
@@ -159,16 +158,16 @@ def _sha256_of(path: Path) -> str:
 def source_from_frame(
     frame: Any, name: str, *, columns: Mapping[str, str] | str = NOTHING, series: int = 1
 ) -> Source:
-    """The table in a data frame of pandas, Polars or another library that narwhals reads.
+    """The table in a data frame of pandas, Polars or another library that narwhals supports.
 
-    A mapping of names to columns will do too. Rows count as in a file whose first row holds the
-    names.
+    A mapping of names to columns is accepted too. Rows are numbered as in a file whose first row
+    has the names.
     """
-    # Only data frames need it, and it takes longer to load than a file to read.
+    # Only data frames need it, and it takes longer to load than a file takes to read.
     import narwhals as nw
 
     try:
-        # Integers beside floats are floats.
+        # Integers mixed with floats are floats.
         is_mapping = isinstance(frame, Mapping)
         whole = nw.from_native(pl.DataFrame(frame, strict=False) if is_mapping else frame)
     except pl.exceptions.PolarsError as error:
@@ -187,7 +186,7 @@ def source_from_frame(
 
 
 def _series(column: Any) -> pl.Series:
-    """A narwhals column as Polars holds it."""
+    """A narwhals column as a Polars series."""
     if isinstance(native := column.to_native(), pl.Series):
         return native
     kind = pl.Float64 if column.dtype.is_numeric() else None
@@ -195,8 +194,8 @@ def _series(column: Any) -> pl.Series:
 
 
 def _clean(table: Table, given: Mapping[str, str]) -> Table:
-    """The table with names that a message can quote, and columns of numbers as numbers."""
-    # A mark of the byte order is left where a script took the file apart.
+    """The table with names that a message can quote, and with numeric columns as numbers."""
+    # A byte order mark remains if a script split the file.
     unmarked = (name.replace("\ufeff", "") for name in table.header.names)
     names = (" ".join(name.split()) if not name.isprintable() else name for name in unmarked)
     return replace(
@@ -208,11 +207,11 @@ def _clean(table: Table, given: Mapping[str, str]) -> Table:
 
 
 def _read_content(path: Path) -> bytes:
-    """A file's bytes. Raises InputError where it is not there, too large, or cannot be read."""
+    """A file's bytes. Raises InputError if it does not exist, is too large, or cannot be read."""
     try:
         with sys.stdin.buffer if path == STDIN else path.open("rb") as file:
             size = os.fstat(file.fileno()).st_size
-            # A pipe or a device has no size, and the latter no end.
+            # A pipe or a device has no size, and a device no end.
             content = b"" if size > LARGEST_FILE else file.read(size or LARGEST_FILE + 1)
         if max(size, len(content)) <= LARGEST_FILE:
             return content
@@ -228,8 +227,8 @@ def _read_content(path: Path) -> bytes:
 
 
 def files_of(sources: Sequence[Any], folders: Sequence[Path] = ()) -> list[Any]:
-    """The files of what was given, folders replaced by the files in them and in their folders, and
-    names that are no files here by those in one of `folders`.
+    """The given files, with folders replaced by the files in them and their subfolders, and names
+    that do not exist here by those in one of `folders`.
 
     Raises `InputError` for a folder without files.
     """
@@ -248,7 +247,7 @@ def files_of(sources: Sequence[Any], folders: Sequence[Path] = ()) -> list[Any]:
 
 
 def _inside(folder: Path) -> Iterator[Path]:
-    """The files in a folder and in its folders, but for results."""
+    """The files in a folder and its subfolders, except results."""
     for path in sorted(folder.iterdir()):
         if path.name.startswith(_TEMPORARY):
             continue

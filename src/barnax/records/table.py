@@ -23,28 +23,28 @@ from .record import OTHER_STATE
 # A line, or the first of several.
 LineIndex = int | Bool[np.ndarray, "lines"]
 
-# Even nanoseconds since 1970 are less; anything larger overflows when it is squared.
+# Even nanoseconds since 1970 are less; anything larger overflows when squared.
 LARGEST_NUMBER = 1e20
 COUNTS, _LARGEST_WHOLE = frozenset({"step", "cycle", "state"}), 2**31
 _IMPEDANCE = r"^\s*(FRA|EIS|P?EIS|GEIS|ACI|AC ?IMP.*)\s*$"
 LARGEST_FILE = 2_000_000_000
-# Rows are of steps or cycles where there are so many, and so large a share begins another; samples
-# that are counted follow each other this fast.
+# Rows are steps or cycles if there are this many, and this share of them begins another; counted
+# samples follow each other this fast.
 _FEWEST_ROWS, _OF_STEPS, _OF_CYCLES, _SAMPLED_S = 4, 0.9, 0.3, 60.0
-# A voltage without a unit that is so large is in mV; so many cells are a pack.
+# A voltage without a unit from this value on is in mV; this many cells are a pack.
 _MILLIVOLTS, FEWEST_CELLS = 500.0, 2
-# The least share of the rows with a current that have a voltage too, or the other way around.
+# The least share of the rows with a current that also have a voltage, or vice versa.
 _COMMON = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """A header and one series a column, all of one length.
+    """A header and one series per column, all of the same length.
 
-    `row` is each line's row in the source, the header being row 1. `sheets` names the sheets the
-    lines come from, with the number of lines of each, in order; it is empty for formats without
-    sheets. `notes` are for the user. `has_known_units` says that the format itself sets the units.
-    The lines of a log that was cut come from several `files`.
+    `row` is each line's row in the source, with the header in row 1. `sheets` has the sheets of the
+    lines, with the number of lines of each, in order; it is empty for formats without sheets.
+    `notes` are for the user. `has_known_units`: the format defines the units. The lines of a split
+    log come from several `files`.
     """
 
     header: Header
@@ -57,16 +57,16 @@ class Table:
 
     @classmethod
     def of(cls, frame: pl.DataFrame, **fields: Any) -> Self:
-        """The table of a frame, whose names stand in row 1."""
+        """The table of a frame, with its names in row 1."""
         rows = np.arange(2, frame.height + 2)
         return cls(Header(tuple(frame.columns)), tuple(frame.get_columns()), rows, **fields)
 
     @classmethod
     def stacked(cls, tables: Sequence[Self]) -> Self:
-        """Tables of one header, one below the other; a column is text where only that holds all of
-        its values, so that a stray word can be quoted.
+        """Tables with the same header, one below the other; a column is text if only text can
+        represent all of its values, so that a stray word can be quoted.
 
-        Raises `InputError` where no column holds them.
+        Raises `InputError` if no column can represent them.
         """
         has_sheets = all(table.sheets for table in tables)
         columns = zip(*(table.columns for table in tables), strict=True)
@@ -79,37 +79,38 @@ class Table:
         )
 
     def leaving_out(self, part: str, **values: Any) -> Self:
-        """The same table, with a note of what is left out of it."""
+        """The table, with a note of what is left out."""
         note = Notice("columns.left-out", {"part": part, **values})
         return replace(self, notes=(*self.notes, note))
 
     @cached_property
     def examined(self) -> dict[tuple[int, float | None], Any]:
-        """What `examine` made of it, for it is asked when a record is read, and when it is checked:
-        as a candidate, in its role, and every part of it."""
+        """The result of `examine`, which is needed when a record is read and checked: as a
+        candidate, in its role, and for every part of it."""
         return {}
 
     @property
     def names_row(self) -> int:
-        """The row in which the columns' names stand."""
+        """The row with the names of the columns."""
         return int(self.row[0]) - 1 if len(self.row) else 1
 
     @cached_property
     def is_impedance(self) -> Bool[np.ndarray, "lines"]:
-        """The lines with a frequency, where the table has columns of impedance."""
+        """The lines with a frequency, if the table has columns of impedance."""
         is_impedance = np.zeros(len(self.row), bool)
         for name, column in zip(self.header.names, self.columns, strict=True):
             if self.header.other_table and normal(name).startswith("freq"):
-                # Polars takes NaN for the largest number.
+                # Polars takes NaN as the largest number.
                 hertz = column.cast(pl.Float64, strict=False).fill_nan(None)
                 is_impedance |= (hertz > 0).fill_null(False).to_numpy()
         return is_impedance
 
     @cached_property
     def one_row_a(self) -> str | None:
-        """What each row is of, "step" or "cycle", by the columns that count them; None for samples.
+        """What each row describes, "step" or "cycle", by the columns that count them; None for
+        samples.
 
-        What counts the rows of a log with short and equal intervals counts samples.
+        In a log with short and equal intervals, the counter counts samples.
         """
         columns = self.header.columns
         if len(self.row) < _FEWEST_ROWS or not columns.keys() & {"cycle", "step"}:
@@ -128,7 +129,7 @@ class Table:
 
     @cached_property
     def _is_sampled(self) -> bool:
-        """True if the clock shows short and nearly equal intervals."""
+        """True if the clock has short and nearly equal intervals."""
         clock = self.header.columns.get("time") or self.header.columns.get("date")
         if clock is None:
             return False
@@ -140,7 +141,7 @@ class Table:
     @cached_property
     def cell_voltages(self) -> list[dict[str, Float[np.ndarray, "lines"]]]:
         """The sets of columns that may be the voltages of a pack's cells, in V by name, with at
-        least two within what a cell has: a sensor that has failed is one of its kind."""
+        least two in the range of a cell: a failed sensor belongs to its set."""
         named = self.header.columns.items()
         others = {column.header for quantity, column in named if quantity != "voltage"}
         alike: dict[str, dict[str, Any]] = {}
@@ -152,7 +153,7 @@ class Table:
         return [one for one in sets if sum(map(is_of_cell, one.values())) >= FEWEST_CELLS]
 
     def in_volts(self, name: str) -> Float[np.ndarray, "lines"]:
-        """The voltages of a column, in V or mV by their size where its name has no unit."""
+        """The voltages of a column, in V or mV by their size if its name has no unit."""
         index = self.header.names.index(name)
         column = in_its_unit(index, name, QUANTITY_OF["voltage"])
         values_v = numbers(self.columns[index], column)
@@ -175,17 +176,17 @@ def _stacked(name: str, parts: Sequence[pl.Series]) -> pl.Series:
 
 
 def is_of_cell(values_v: Float[np.ndarray, "lines"]) -> bool:
-    """True if the usual voltage of a column is one that a cell has."""
+    """True if the usual voltage of a column is possible for a cell."""
     finite_v = values_v[np.isfinite(values_v)]
     return bool(len(finite_v) and CELL_RANGE_V[0] < np.median(finite_v) < CELL_RANGE_V[1])
 
 
 @dataclass(frozen=True)
 class Reader:
-    """One file format: how its content is recognized, and how a table is taken from it.
+    """One file format: how its content is recognized and read.
 
-    `read` takes the file's bytes and the user's own names of columns by quantity. It raises
-    InputError when the content is damaged, which is reported after the file's name.
+    `read` takes the file's bytes and the user's names of columns by quantity. It raises InputError
+    if the content is damaged; the message follows the file's name.
     """
 
     name: str
@@ -197,9 +198,9 @@ class Reader:
 class Lines:
     """The lines of a table that are not blank, by quantity and in base units.
 
-    A value is NaN where its cell is no number. `at` says where each line stands in `table`, and
-    `zero_date_s` at which date the time is zero, in s since 1970, where the clock has dates.
-    `findings` are what the rules have found in them.
+    A value is NaN if its cell is not a number. `at` has each line's index in `table`; `zero_date_s`
+    is the date at which the time is zero, in s since 1970, if the clock has dates. `findings` are
+    those of the rules so far.
     """
 
     table: Table
@@ -222,35 +223,36 @@ class Lines:
         return self.columns[name].header
 
     def cell(self, name: str, line: int) -> object:
-        """The cell in the file under the quantity `name`, long text cut; None for an empty one."""
+        """The cell in the file of the quantity `name`, with long text cut; None if it is empty."""
         cell = self.table.columns[self.columns[name].index][int(self.at[line])]
         return cut(cell, LONGEST_CELL) if isinstance(cell, str) else cell
 
     def bad(self, name: str) -> Bool[np.ndarray, "lines"]:
         """True where the quantity `name` has no number, or one that no tester reads."""
         values = self.values[name]
-        # The sum of most columns' squares tells, NaN too; a mask takes several times as long.
+        # For most columns the sum of squares suffices, also with NaN; a mask takes several times as
+        # long.
         if inner(values, values) <= LARGEST_NUMBER**2:
             return np.zeros(len(values), bool)
         return ~(np.abs(values) <= LARGEST_NUMBER)
 
     def keep(self, chosen: Bool[np.ndarray, "lines"] | Int[np.ndarray, "kept"]) -> Self:
-        """The lines where `chosen` holds, or those at its places, in its order."""
+        """The lines where `chosen` is true, or at these indices, in that order."""
         if chosen.dtype == bool and chosen.all():
             return self
         values = {name: numbers[chosen] for name, numbers in self.values.items()}
         return replace(self, values=values, at=self.at[chosen])
 
     def noting(self, *findings: Notice) -> Self:
-        """The same lines, with more that was found in them."""
+        """The lines with additional findings."""
         return replace(self, findings=(*self.findings, *findings))
 
     def telling(self, line: LineIndex, code: str, /, **values: Any) -> Self:
-        """The same lines, with a notice of one of them, or of the first of several."""
+        """The lines with a notice of one of them, or of the first of several."""
         return self.noting(notice_at(self, line, code, **values))
 
     def having(self, **values: np.ndarray) -> Self:
-        """The same lines with other values of some quantities."""
+        """The lines with other values of some quantities."""
         return replace(self, values={**self.values, **values})
 
     def without(self, name: str) -> Self:
@@ -261,9 +263,9 @@ class Lines:
 
 
 def take_lines(table: Table, columns: Mapping[str, Column]) -> Lines:
-    """The lines of a table under the given columns, blank ones left out.
+    """The lines of a table with the given columns, without blank ones.
 
-    A date that is given beside the time is the day of a time of day.
+    A date in addition to the time is the day of a time of day.
     """
     dated = {name: dated_numbers(table.columns[one.index], one) for name, one in columns.items()}
     values = {name: numbers for name, (numbers, _) in dated.items()}
@@ -280,7 +282,7 @@ def take_lines(table: Table, columns: Mapping[str, Column]) -> Lines:
 
 
 def notice_at(source: Lines, line: LineIndex, code: str, /, **values: Any) -> Notice:
-    """A notice of one line, or the first of several, with the row and sheet it stands in."""
+    """A notice of one line, or the first of several, with its row and sheet."""
     at = source.at[int(np.argmax(line)) if isinstance(line, np.ndarray) else line]
     ends, sheet = np.cumsum([lines for _, lines in source.table.sheets]), None
     if len(ends) > 1:
@@ -289,7 +291,7 @@ def notice_at(source: Lines, line: LineIndex, code: str, /, **values: Any) -> No
 
 
 def table_sha256(table: Table) -> str:
-    """The SHA-256 of a table that has no file: of its names and values."""
+    """The SHA-256 of the names and values of a table without a file."""
     digest = hashlib.sha256(repr(table.header.names).encode("utf-8", "backslashreplace"))
     for column in table.columns:
         if column.dtype.is_numeric():
@@ -300,20 +302,21 @@ def table_sha256(table: Table) -> str:
 
 
 def examine_cells(lines: Lines) -> Lines:
-    """The lines whose time, current and voltage are finite, told what stands in the others.
+    """The lines with finite time, current and voltage, and notices of the others.
 
     An optional column with such cells is left out.
     """
     is_good = np.ones(len(lines), bool)
     is_unread = ~is_good
     if lines.columns.keys() >= NEEDED:
-        # Current and voltage may be written in rows of their own.
+        # Current and voltage may be written in separate rows.
         has_current, has_voltage = ~lines.bad("current"), ~lines.bad("voltage")
         both = int(np.sum(has_current & has_voltage))
         if both < _COMMON * min(has_current.sum(), has_voltage.sum()):
             names = {name: lines.header(name) for name in ("current", "voltage")}
             apart = Notice("cells.apart", {**names, "rows": both})
-            # Before all else, for nothing can be told of such rows; of all of them, it has no row.
+            # First of all, because nothing else can be said about such rows; if they are all rows,
+            # the notice has no row.
             return replace(lines.keep(is_unread), findings=(apart, *lines.findings))
     for is_none, code, given in _no_samples(lines):
         if (is_none & is_good).any():
@@ -333,7 +336,7 @@ def examine_cells(lines: Lines) -> Lines:
             "limit": LARGEST_NUMBER if np.abs(value) > LARGEST_NUMBER else None,
             "cells": bad.sum(),
         }
-        # A clock of dates or of steps may have to give the time.
+        # The time may have to come from a clock of dates or of steps.
         if name not in NEEDED:
             is_coded = name == "state" and not isinstance(cell, str)
             is_number = np.abs(value) <= LARGEST_NUMBER
@@ -353,8 +356,8 @@ def examine_cells(lines: Lines) -> Lines:
 
 
 def _no_samples(lines: Lines) -> Iterator[tuple[Bool[np.ndarray, "lines"], str, dict[str, Any]]]:
-    """The lines of each kind that are no samples, the code of a notice of them and its values."""
-    # Those whose state, or whose frequency, is that of an impedance measurement.
+    """The lines of each kind that are not samples, with the code and the values of their notice."""
+    # Those with the state, or with a frequency, of an impedance measurement.
     words, state = None, lines.values.get("state", np.zeros(len(lines)))
     is_other = state == OTHER_STATE
     if "state" in lines.columns:
@@ -375,11 +378,11 @@ def _no_samples(lines: Lines) -> Iterator[tuple[Bool[np.ndarray, "lines"], str, 
     if len(lines) > 1 and not lines.table.sheets:
         ends = lines.at[-2:].tolist()
         before, last = ([column[line] is not None for column in columns] for line in ends)
-        # Cells are missing at the end of the last line that the one before it has.
+        # The end of the last line lacks cells that the previous line has.
         end = len(last) - last[::-1].index(True)
         if any(before[end:]) and any(column.index >= end for column in needed.values()):
             yield index == len(lines) - 1, "cells.cut-short", {}
-    # The first line spells the units of time, current and voltage.
+    # The first line repeats the units of time, current and voltage.
     cells = [lines.cell(name, 0) for name in needed] if len(lines) else []
     spelled = (str(cell).strip().strip("[]()").lower() for cell in cells)
     are_units = map(lambda text, column: text in column.quantity.units, spelled, needed.values())

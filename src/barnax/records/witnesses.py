@@ -1,4 +1,5 @@
-"""What a record shows of its scale: numbers that other units multiply, and what they must be."""
+"""The evidence of a record about its scale: numbers that other units multiply, and their possible
+range."""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -11,16 +12,16 @@ from .quantities import Unit
 from .samples import COUNTERS, STEADY_SHARE, Samples, few
 
 CHARGE = "charge"
-# The weight from which a reading is certain.
+# A reading is certain from this weight on.
 CERTAIN = 1.5
 
 
 @dataclass(frozen=True)
 class UnitReading:
-    """Columns in another unit: by how much their values change, the unit in words, what tells.
+    """Columns in another unit: the factor of their values, the unit in words, and the evidence.
 
-    Without a `unit` they were converted twice. `weight` is that of the witnesses that it brings to
-    agree, less those that it puts off.
+    Without a `unit` they were converted twice. `weight` is that of the witnesses that the reading
+    reconciles, less those that it contradicts.
     """
 
     quantity: str
@@ -39,10 +40,11 @@ class UnitReading:
 
 @dataclass(frozen=True)
 class Witness:
-    """A number, how often each quantity's factor multiplies it, and what it must be.
+    """A number, the power of each quantity's factor in it, and its possible range.
 
-    `says` is what it tells against the units that it was computed in. Beside a current in another
-    unit, what has no unit may be in a part of its own: `follows` is what that multiplies it by.
+    `says` is the evidence against the units with which it was computed. Together with a current in
+    another unit, a column without a unit may be in a fraction of its own: `follows` is the factor
+    of that.
     """
 
     value: float
@@ -53,8 +55,8 @@ class Witness:
     follows: float = 1.0
 
     def vote(self, reading: UnitReading) -> float:
-        """What it gives a reading: its weight where only that agrees, less where only that does
-        not."""
+        """The vote for a reading: its weight if only the reading agrees, the negative weight if
+        only the present units do."""
         value = self.value * reading.factor ** self.powers.get(reading.quantity, 0)
         is_agreed, is_agreed_too = self.holds(value), self.holds(self.follows * value)
         if self.holds(self.value):
@@ -63,36 +65,36 @@ class Witness:
         return self.weight if is_agreed or is_agreed_too else 0.0
 
 
-# No record lasts longer, and of one without a unit no samples lie further apart.
+# No record is longer, and without a unit no samples are further apart.
 _LONGEST_S, _FAR_S = 1e8, 500.0
-# The bulk time that would be too short for any cell, of a steep end of the curve and of others, and
-# too long for a record that is sampled so slowly.
+# Bulk times that are too short for any cell, at a steep end of the curve and elsewhere, and one too
+# long for a record that is sampled so slowly.
 _STEEP_S, _SHORT_S, _BULK_S, _SLOW_S = 0.5, 40.0, 1e4, 50.0
-# The voltage must have moved for that to mean anything, and through more than the steep end.
+# The voltage has to move for this, and by more than at a steep end.
 _TRAVEL_V, _STEEP_BELOW_V = 0.3, 3.0
-# A load has so many steps; a sweep has fewer. An interval so many times the usual one is a gap that
-# may hide one, for a rest does not move the voltage this far between two samples.
+# A load has this many steps; a sweep has fewer. An interval this many times the usual one is a gap
+# that may hide a load, because a rest does not move the voltage this far between two samples.
 _MANY_STEPS, _FAR_LONGER, _LOAD_V = 10, 30, 0.02
-# Between these intervals, numbers that no tester is set to are as good.
+# Between these intervals, numbers that no tester is set to are equally plausible.
 _FINE_S, _COARSE_S = 0.2, 90.0
-# No tester is set so fast as to anything else, and no load steps so often.
+# Testers are set to no other interval this fast, and no load steps this often.
 _FAST_S, _STEPS_HZ = 0.05, 15.0
-# Charge against the given capacity, in favor of a factor of a thousand either way.
+# Charge relative to the given capacity that favors a factor of a thousand in either direction.
 _TOO_MUCH, _TOO_LITTLE = 20.0, 0.01
-# The largest cells made hold a little over 1000 Ah; 500 A is the load of a large one, and a 2 Ah
-# cell at 1C reads 2000 in milliamperes. A slow sweep of a small cell gives itself away by its
-# ampere-hours instead: 2 Ah read as 2000.
+# The largest cells have little over 1000 Ah; 500 A is the load of a large one, and a 2 Ah cell at
+# 1C reads 2000 in milliamperes. A slow sweep of a small cell shows by its ampere-hours instead: 2
+# Ah read as 2000.
 _LOADED_A, _SWING_AH = 500.0, 1500.0
-# Far below what any tester resolves; squares of much less are lost.
+# Far below any tester's resolution; squares of much less underflow.
 LEAST_A = 1e-12
-# No cell has less than a tenth of a milliohm; those that come near carry hundreds of amperes. Coin
-# cells come near to the largest, which alone proves nothing.
+# No cell has less than a tenth of a milliohm; those close to it carry hundreds of amperes. Coin
+# cells come close to the largest value, which alone proves nothing.
 _LEAST_OHM, _HEAVY_A, _MAX_OHM, _HALF = 1e-4, 50.0, 20.0, 0.5
 _RATIO = 0.15
 
 
 def witnesses_of(samples: Samples, capacity_ah: float | None) -> Iterator[Witness]:
-    """What the record shows of its own scale."""
+    """The evidence of the record about its scale."""
     yield from _of_time(samples)
     yield from _other_clocks(samples)
     yield from _of_current(samples)
@@ -100,13 +102,12 @@ def witnesses_of(samples: Samples, capacity_ah: float | None) -> Iterator[Witnes
 
 
 def _of_time(samples: Samples) -> Iterator[Witness]:
-    """The length, the sampling, how often the load steps, and the resistance times the charge a
-    volt moves."""
+    """The length, the sampling, how often the load steps, and the bulk time."""
     once = {"time": 1}
     interval_s, length_s = samples.apart_s, samples.length_s
     yield Witness(length_s, once, lambda s: s <= _LONGEST_S, f"it lasts {length_s:.3g} s")
     if interval_s > 0:
-        # Against a unit stated in the name, slow sampling is weak evidence.
+        # Against a unit in the name, slow sampling is weak evidence.
         is_odd = FINEST_S < interval_s < _FAST_S and not is_usual(interval_s)
         is_sure = samples.columns["time"].is_unit_assumed or is_odd
         weight = 1.0 if is_sure else _HALF
@@ -124,7 +125,7 @@ def _of_time(samples: Samples) -> Iterator[Witness]:
         dates = f"its values are {unit.symbol}"
         yield Witness(1.0, once, lambda days: abs(days / unit.factor - 1) < _RATIO, dates)
     bulk_s, travel_v = samples.bulk_time
-    # What relaxes within an interval, or comes late, is a large resistance at some of a sweep's few
+    # Relaxation within an interval, or a delay, is a large resistance at some of a sweep's few
     # steps; means and smoothed currents have small ones at some of a load's many steps.
     steps = samples.steps[samples.answer_v[samples.steps] != 0]
     ohm = np.abs(samples.answer_v[steps] / samples.step_a[steps])
@@ -137,9 +138,10 @@ def _of_time(samples: Samples) -> Iterator[Witness]:
 
 
 def _of_bulk(samples: Samples, bulk_s: float, travel_v: float) -> Witness:
-    """The resistance times the charge that a volt moves, of which less is missing than all.
+    """The resistance times the charge per volt, with part of the charge possibly missing.
 
-    Of a load in a gap the charge is missing, and only the rest of the travel is of what was logged.
+    The charge of a load in a gap is missing, and only the rest of the travel is due to the logged
+    charge.
     """
     gaps = np.flatnonzero(samples.intervals_s > _FAR_LONGER * samples.interval_s)
     ends_a = np.maximum(np.abs(samples.current_a[gaps]), np.abs(samples.current_a[gaps + 1]))
@@ -157,7 +159,7 @@ def _of_bulk(samples: Samples, bulk_s: float, travel_v: float) -> Witness:
         is_fine = samples.apart_s * time_s / bulk_s < _SLOW_S
         return least_s <= time_s and (is_fine or time_s <= _BULK_S)
 
-    # Nothing but another unit is so slow, or so fast.
+    # Only another unit explains such a slow or fast record.
     is_certain = bulk_s < least_s / 8 or (bulk_s > _BULK_S and travel_v >= _TRAVEL_V)
     return Witness(bulk_s, {"time": 1}, is_cells, words, CERTAIN if is_certain else 1.0)
 
@@ -187,7 +189,7 @@ def _of_current(samples: Samples) -> Iterator[Witness]:
 
 
 def _of_charge(samples: Samples, capacity_ah: float | None) -> Iterator[Witness]:
-    """The charge that is moved, and its ratio to what the tester counted and to the capacity."""
+    """The charge that is moved, and its ratio to the counters and to the capacity."""
     moved = {"time": 1, "current": 1}
     span_ah, travel_v = samples.span_ah, samples.bulk_time[1]
     moves = f"the record moves {span_ah:.4g} Ah"
@@ -210,19 +212,20 @@ def _of_charge(samples: Samples, capacity_ah: float | None) -> Iterator[Witness]
         yield Witness(ratio, powers, lambda r: abs(r - 1) < _RATIO, words, follows=follows)
 
 
-# The number of intervals that are compared with another clock, and how long those of dates are that
-# seconds resolve; most must agree so well.
+# The number of intervals that are compared with another clock, and the length from which dates in
+# seconds resolve them; most have to agree within this.
 _PAIRS, _DATED_S, _ALIKE, _AGREEING = 50, 100.0, 0.01, 0.5
 
 
 def _other_clocks(samples: Samples) -> Iterator[Witness]:
-    """The dates and the clock of the steps beside the time.
+    """The dates and the clock of the steps in addition to the time.
 
-    By the median of many intervals, for a test may have paused, and steps begin anew.
+    By the median of many intervals, because a test may pause, and steps restart.
     """
     table, time = samples.table, samples.columns["time"]
     apart = np.arange(0, len(samples), 1 + len(samples) // (2 * _PAIRS))
-    # Neighbors, for steps begin anew; drawn, for steps of one length could hide from even ones.
+    # Neighbors, because steps restart; randomly drawn, because even ones could miss steps of one
+    # length.
     last = len(samples) - 1
     beside = np.random.default_rng(0).choice(last, min(last, 20 * _PAIRS), replace=False)
     beside = (np.sort(beside)[:, None] + [0, 1]).ravel()

@@ -28,7 +28,7 @@ _MARKUP = re.compile(
 
 
 def unzipped(content: bytes) -> bytes:
-    """The content, decompressed where it is gzipped, or a zip archive of one file."""
+    """The content, decompressed if it is gzipped, or a zip archive of one file."""
     if content.startswith(ZIP):
         return _only_file(content)
     if not content.startswith(b"\x1f\x8b"):
@@ -39,7 +39,7 @@ def unzipped(content: bytes) -> bytes:
 
 
 def _only_file(content: bytes) -> bytes:
-    """The file in a zip archive of one; the archive where it has more, as workbooks do."""
+    """The file in a zip archive of one; the archive if it has more, as workbooks do."""
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as packed:
             # Finder adds files of its own.
@@ -55,13 +55,13 @@ def _only_file(content: bytes) -> bytes:
 
 
 def read_table(content: bytes, file: str, given: Mapping[str, str] = NOTHING) -> Table:
-    """The table inside a file's bytes; `file` is the name that messages use.
+    """The table in a file's bytes; `file` is the name that messages use.
 
-    `given` holds the user's own names of columns, by quantity. A gzipped file, or a zip of one
-    file, is unpacked first.
+    `given` has the user's names of columns, by quantity. A gzipped file, or a zip of one file, is
+    unpacked first.
 
-    Raises InputError when the file is empty, when no reader knows its content, or when the
-    reader that knows it finds it damaged.
+    Raises InputError if the file is empty, if no reader recognizes its content, or if it is
+    damaged.
     """
     with naming(file):
         if file.startswith("~$"):

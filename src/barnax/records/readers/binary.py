@@ -1,8 +1,8 @@
-"""Binary formats that a library reads: Parquet, Neware's, and two by packages of an extra.
+"""Binary formats that a library reads: Parquet, Neware's, and two with packages of an extra.
 
-What the libraries behind them need, and what they must not do: open files, and speak. fastnda knows
-files by their names only, so the content goes through a temporary one. galvani is under the GPL:
-whoever wants .mpr files read installs it, and it is loaded for them only.
+Adapters for what these libraries need and must not do: open files, and print. fastnda takes file
+names only, so the content goes through a temporary file. galvani is under the GPL: users who need
+.mpr files install it, and it is loaded for them only.
 """
 
 import io
@@ -24,14 +24,15 @@ from ..table import Reader, Table
 from .content import NUMBER_BYTES, refusing, require_room, require_room_to_unzip, require_trial
 
 Columns = Mapping[str, Any]
-# So many counts at one distance are those of records, so many bytes long; the next may be lost.
+# This many counts at equal distances are those of records, with this many bytes; the next one may
+# be lost.
 _IN_A_ROW, _RECORD_BYTES, _NEXT = 5, range(20, 256), (2, 6)
 ZIP = b"PK\x03\x04"
 
 
 @contextmanager
 def _as_file(content: bytes, suffix: str) -> Iterator[str]:
-    """The path of a temporary file of that content, for libraries that open files themselves."""
+    """The path of a temporary file with this content, for libraries that open files themselves."""
     with tempfile.TemporaryDirectory() as folder:
         with tempfile.NamedTemporaryFile(suffix=suffix, dir=folder, delete=False) as file:
             file.write(content)
@@ -40,7 +41,7 @@ def _as_file(content: bytes, suffix: str) -> Iterator[str]:
 
 @contextmanager
 def quieted(library: str) -> Iterator[list[logging.LogRecord]]:
-    """Keep from the terminal what the library logs meanwhile."""
+    """Keep messages of a library from the terminal."""
     log = logging.getLogger(library)
     handler = BufferingHandler(10_000)
     was_propagating, log.propagate = log.propagate, False
@@ -59,11 +60,11 @@ def _read_parquet(content: bytes, _: Mapping[str, str]) -> Table:
         rows, types = scan.select(pl.len()).collect().item(), scan.collect_schema().dtypes()
         require_room(NUMBER_BYTES * rows * len(types), content)
         if not all(kind.is_numeric() or kind.is_temporal() or kind == pl.Boolean for kind in types):
-            # Texts and lists are of any length.
+            # Texts and lists have any length.
             require_trial("import io, polars; polars.read_parquet(io.BytesIO(content))", content)
         return Table.of(pl.read_parquet(io.BytesIO(content)))
     except pl.exceptions.PanicException as error:
-        # Some files damaged in their middle make Polars panic, in words for its developers.
+        # On some files damaged in the middle, Polars panics with a message for its developers.
         raise InputError(f"{damaged}; copy or export it again.") from error
     except (pl.exceptions.PolarsError, OSError) as error:
         raise InputError(f"{damaged} ({reason_of(error)}); copy or export it again.") from error
@@ -78,10 +79,10 @@ def _is_neware(content: bytes) -> bool:
 
 
 def _stated_length(content: bytes) -> int:
-    """The length of an .nda file by its own head: the end of the last of its parts.
+    """The length of an .nda file according to its header: the end of the last of its parts.
 
-    The head holds begins and lengths of the parts, of 64 bits each from version 129 on, and of 32
-    before, where each part begins as the one before it ends. Zero if it does not state one.
+    The header has offsets and lengths of the parts, with 64 bits each from version 129 on, and with
+    32 before, where each part begins at the end of the previous one. Zero if it has none.
     """
     is_new = content[14:15] >= b"\x81"
     kind, first, last = ("<u8", 82, 226) if is_new else ("<u4", 16, 72)
@@ -95,10 +96,10 @@ def _stated_length(content: bytes) -> int:
 
 
 def _lost_row(content: bytes, counts: Int[np.ndarray, "rows"]) -> int | None:
-    """The first row that is missing by the file's own counter, if one is.
+    """The first row that is missing according to the file's counter, if any.
 
-    What stands behind bytes too many or too few is not read, but its counts go on in the content
-    behind the last that is read, as far apart as before.
+    Nothing after an excess or lack of bytes is read, but the counter continues there at equal
+    distances.
     """
     steps = np.flatnonzero(np.diff(counts) != 1)
     if len(steps):
@@ -108,7 +109,7 @@ def _lost_row(content: bytes, counts: Int[np.ndarray, "rows"]) -> int | None:
         return {at.start() for at in re.finditer(re.escape(count.to_bytes(4, "little")), content)}
 
     def runs(count: int, lengths: Iterable[int]) -> Iterator[tuple[int, int]]:
-        """Where that count and the next ones stand at one distance, and the distance."""
+        """Where this count and the next ones are at equal distances, and the distance."""
         start, *others = (positions(count + k) for k in range(_IN_A_ROW))
         for length, at in itertools.product(lengths, start):
             if all(at + k * length in other for k, other in enumerate(others, 1)):
@@ -116,7 +117,7 @@ def _lost_row(content: bytes, counts: Int[np.ndarray, "rows"]) -> int | None:
 
     first, last = int(counts[0]), int(counts[-1])
     length, _ = min(runs(max(last + 1 - _IN_A_ROW, first), _RECORD_BYTES), default=(0, 0))
-    # A clock in seconds counts too, behind the counter in its record.
+    # A clock in seconds counts too, after the counter in its record.
     _, begin = min(runs(first, [length] if length else []), default=(0, None))
     if begin is None:
         return None
@@ -127,7 +128,7 @@ def _lost_row(content: bytes, counts: Int[np.ndarray, "rows"]) -> int | None:
 
 
 def _read_neware(content: bytes, _: Mapping[str, str]) -> Table:
-    # Of the formats only this one needs it, and it takes long to load.
+    # Only this format needs it, and it takes long to load.
     import fastnda
 
     suffix = ".ndax" if content.startswith(ZIP) else ".nda"
@@ -164,7 +165,7 @@ NEWARE = Reader("Neware .nda or .ndax", _is_neware, _read_neware)
 def _by_package(
     name: str, start: bytes, extra: str, export: str, parse: Callable[[bytes], Columns]
 ):
-    """A reader of content that holds `start` near its beginning, by the package of an extra."""
+    """A reader of content that has `start` near its beginning, by the package of an extra."""
 
     def read(content: bytes, _: Mapping[str, str]) -> Table:
         article = "an" if name[0] in "AEIOU" else "a"

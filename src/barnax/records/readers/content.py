@@ -1,8 +1,8 @@
-"""A file's bytes before its format is read: room for what they hold, and text as UTF-8.
+"""A file's bytes before its format is read: memory for its content, and text as UTF-8.
 
-A packed file of some kilobytes may hold more than any memory, so room is asked for before it is
-taken: what is packed is counted as it is unpacked; what only a library can tell, it tells in a
-process of its own, which may die.
+A compressed file of a few kilobytes may hold more than any memory, so memory is checked before it
+is used: compressed data are counted while they are unpacked; where only a library knows, it runs in
+a separate process, which may die.
 """
 
 import codecs
@@ -22,7 +22,7 @@ from zipfile import ZipFile, ZipInfo
 from ...errors import InputError, counted
 from ..table import LARGEST_FILE
 
-# A number as it is read and as it is kept.
+# Bytes of a number while it is read, and after.
 NUMBER_BYTES = 16
 _PIECE = 1 << 20
 _LIMITED = """
@@ -35,14 +35,14 @@ try:
 except (ImportError, OSError, ValueError):
     pass
 """
-# A library holds part of what it reads twice for a while.
+# For a while a library holds part of the content twice.
 _FOR_A_WHILE = 1.5
-# Threads take room too, and there may be one for each of many cores.
+# Threads need memory too, and there may be many cores with one each.
 _ALONE = {"POLARS_MAX_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
 def require_room(size: float, content: bytes, doubt: str = "") -> None:
-    """Raise InputError where a file's content takes so many bytes, and they are too many."""
+    """Raise InputError if a file's content takes this many bytes and that is too many."""
     if size > LARGEST_FILE:
         raise InputError(
             f"its {len(content):,} bytes need more than the limit of "
@@ -52,7 +52,7 @@ def require_room(size: float, content: bytes, doubt: str = "") -> None:
 
 
 def require_room_to_unpack(parts: Iterable[IO[bytes] | gzip.GzipFile], content: bytes) -> None:
-    """Raise InputError where packed files are together too large; nothing of them is kept."""
+    """Raise InputError if compressed files are too large together; nothing is kept."""
     size = 0
     for part in parts:
         while piece := part.read(_PIECE):
@@ -61,13 +61,14 @@ def require_room_to_unpack(parts: Iterable[IO[bytes] | gzip.GzipFile], content: 
 
 
 def require_room_to_unzip(content: bytes) -> None:
-    """Raise InputError where the files of a zip archive are together too large."""
+    """Raise InputError if the files of a zip archive are too large together."""
     with ZipFile(io.BytesIO(content)) as packed:
         require_room_to_unpack(unpacked(packed, packed.infolist()), content)
 
 
 def unpack(part: IO[bytes] | gzip.GzipFile, content: bytes) -> bytes:
-    """A packed file that can be read twice, without a second copy while it is put together."""
+    """Unpack a compressed file that can be read twice, without a second copy while it is
+    assembled."""
     require_room_to_unpack([part], content)
     part.seek(0)
     whole = io.BytesIO()
@@ -76,16 +77,16 @@ def unpack(part: IO[bytes] | gzip.GzipFile, content: bytes) -> bytes:
 
 
 def require_trial(code: str, content: bytes) -> None:
-    """Raise InputError where code that reads `content` takes more memory than the limit.
+    """Raise InputError if code that reads `content` takes more memory than the limit.
 
-    What it raises, as for a damaged file, is left to be raised where the file is read in earnest.
+    Other errors, such as for a damaged file, are left to the actual reading.
     """
     if dies(code, content, LARGEST_FILE):
         require_room(float("inf"), content, ", or are damaged")
 
 
 def dies(code: str, content: bytes, most_bytes: float) -> bool:
-    """True if code that may read `content` dies, or takes more memory, in a process of its own."""
+    """True if code that may read `content` dies, or takes more memory, in a separate process."""
     room = str(int(_FOR_A_WHILE * most_bytes))
     command = [sys.executable, "-P", "-c", _LIMITED + code, room]
     done = subprocess.run(command, input=content, capture_output=True, env=os.environ | _ALONE)
@@ -94,12 +95,12 @@ def dies(code: str, content: bytes, most_bytes: float) -> bool:
 
 @contextmanager
 def refusing(damaged: str, missing: str = "") -> Iterator[None]:
-    """Raise `InputError` in our words where a library fails: it is missing, or the file is damaged,
+    """Raise `InputError` in our words if a library fails: it is missing, or the file is damaged,
     for which libraries raise errors of many kinds."""
     try:
         yield
     except BaseException as error:
-        # On a damaged file a library's Rust code raises what is no Exception.
+        # On a damaged file a library's Rust code raises something other than an Exception.
         is_other = isinstance(error, InputError) or not isinstance(error, Exception)
         if is_other and type(error).__name__ != "PanicException":
             raise
@@ -108,7 +109,7 @@ def refusing(damaged: str, missing: str = "") -> Iterator[None]:
 
 
 def unpacked(archive: ZipFile, files: Iterable[ZipInfo]) -> Iterator[IO[bytes]]:
-    """Files of a zip archive, to be read to their ends, whatever their size is said to be."""
+    """Files of a zip archive, to be read to their ends, whatever size is stated."""
     for entry in files:
         whole = copy(entry)
         whole.file_size = 2 * LARGEST_FILE
@@ -116,16 +117,16 @@ def unpacked(archive: ZipFile, files: Iterable[ZipInfo]) -> Iterator[IO[bytes]]:
             yield part
 
 
-# No text above a table is longer; the longest known are a protocol of some hundred lines, or in one
-# line of 13,000 letters.
+# No text above a table is longer; the longest known are a protocol of about a hundred lines, and
+# one line of 13,000 letters.
 PREAMBLE_BYTES, _PREAMBLE_LINES, _LONGEST_LINE = 400_000, 2000, 1_000_000
 _UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
-# The number of stray zero bytes that text may have beside bytes that are none of its own.
+# The number of stray zero bytes allowed in a text.
 _STRAY_ZEROS = 4
-# A block of them within a line; possessive, for a logger may fill megabytes with zeros.
+# A block of zeros within a line; possessive, because a logger may fill megabytes with them.
 _LOST = re.compile(rb"(?<![\r\n\0])\0{2,}+|(?<!\0)\0{2,}+(?!\Z|[\r\n])")
 _NO_TEXT = re.compile(rb"[\x01-\x08\x0e-\x1f]")
-# Words that tell a text in the encodings of Chinese, Japanese and Korean computers: voltage,
+# Words that identify text in the encodings of Chinese, Japanese and Korean computers: voltage,
 # current, discharge.
 _TELLTALES = {
     "gb18030": ("电压", "电流", "放电"),
@@ -134,14 +135,14 @@ _TELLTALES = {
     "cp949": ("전압", "전류", "방전"),
     "big5": ("電壓", "電流", "放電"),
 }
-# A line that is one quoted cell, and what stands in it.
+# A line that is one quoted cell, and the text in it.
 _QUOTED_LINE = re.compile(rb'(?m)^"((?:[^"\r\n]|"")*)"[,;\t ]*(?=\r?$)')
 
 
 def is_text(content: bytes) -> bool:
-    """Text has no zero bytes but stray ones, and those that a lost power supply left.
+    """Text has no zero bytes except stray ones, and those that a lost power supply left.
 
-    UTF-16 has more, and as a rule says so at its start.
+    UTF-16 has more, and usually begins with a mark.
     """
     head = content[:65536].rstrip(b"\0")
     is_plain = bool(head) and (head.count(0) <= _STRAY_ZEROS or not _NO_TEXT.search(head))
@@ -149,7 +150,7 @@ def is_text(content: bytes) -> bool:
 
 
 def _utf16(content: bytes) -> str:
-    """The form of UTF-16 that the content has, if any: most of every other byte is then zero."""
+    """The form of UTF-16 of the content, if any: most of every other byte is then zero."""
     if content.startswith(_UTF16):
         return "utf-16"
     head = content[:1000]
@@ -162,7 +163,7 @@ def _utf16(content: bytes) -> str:
 def as_utf8(content: bytes) -> bytes:
     """The text in UTF-8 with a plain newline; testers write UTF-8, UTF-16 or Latin-1.
 
-    Raises InputError where it does not go on as it begins, and for a line that no table has.
+    Raises InputError if the encoding changes within the file, or for a line that no table has.
     """
     if form := _utf16(content):
         try:
@@ -189,7 +190,7 @@ def as_utf8(content: bytes) -> bytes:
         content = content.replace(b"\0", b"")
     head = content[:PREAMBLE_BYTES]
     if head.count(b"\r") > 2 * head.count(b"\n"):
-        # Lines end in CR alone, but for some, such as the last.
+        # Lines end in CR alone, except some, such as the last.
         content = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
         head = content[:PREAMBLE_BYTES]
     quoted = [line for line in _QUOTED_LINE.findall(head) if re.search(rb"[,;\t]", line)]
@@ -212,7 +213,7 @@ def head_lines(content: bytes) -> list[str]:
     try:
         text = head.decode("utf-8")
     except UnicodeDecodeError as error:
-        # The last letter may be cut.
+        # The last letter may be incomplete.
         text = head[: error.start].decode() if error.start > len(head) - 4 else ""
         text = text or head.decode("latin-1")
     return [line.removesuffix("\r") for line in text.split("\n", _PREAMBLE_LINES)]

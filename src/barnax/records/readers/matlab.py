@@ -1,6 +1,6 @@
 """MATLAB files of versions 5 to 7.3: structures of time, current and voltage.
 
-A structure with such fields is a record, wherever it stands: Kollmeyer's `meas`, Plett's
+A structure with such fields is a record, wherever it is: Kollmeyer's `meas`, Plett's
 `DYNData.script1`, or the workspace itself. The cycles of NASA's Prognostics Center are joined by
 the dates at which they began. scipy reads versions 5 to 7; 7.3 is HDF5 and needs h5py, an extra.
 """
@@ -36,7 +36,7 @@ def read(name, found):
 h5py.File(io.BytesIO(content)).visititems(read)
 """
 _DEEPEST, _MAX_NAMED = 8, 12
-# Plett's files hold the test at its temperature first, and two at 25 degC that calibrate it.
+# Plett's files have the test at its temperature first, then two calibrations at 25 degC.
 _SCRIPTS = re.compile(r"(?:DYNData|OCVData)\.script(\d)")
 
 
@@ -80,7 +80,7 @@ def _read(content: bytes, given: Mapping[str, str]) -> Table:
 def _of_matlab_5(content: bytes) -> Struct:
     from scipy.io import loadmat
 
-    # Objects of MATLAB's own classes come as bytes, and nothing in the file is run.
+    # Objects of MATLAB's own classes come as bytes, and no code in the file is run.
     tree = loadmat(io.BytesIO(content), simplify_cells=True)
     return {name: value for name, value in tree.items() if not name.startswith("__")}
 
@@ -91,7 +91,7 @@ def _of_hdf5(content: bytes) -> Struct:
     values: dict[Any, Any] = {}
 
     def value_of(item: Any, depth: int) -> Any:
-        # Something that is referred to again is read once, and may refer to itself.
+        # An object with several references is read once; it may refer to itself.
         if item.id not in values:
             values[item.id] = None
             values[item.id] = read(item, depth) if depth <= _DEEPEST else None
@@ -108,7 +108,7 @@ def _of_hdf5(content: bytes) -> Struct:
             held = [member for member in item.values() if isinstance(member, h5py.Dataset)]
             are_links = held and all(h5py.check_ref_dtype(dataset.dtype) for dataset in held)
             if are_links and not any("MATLAB_class" in dataset.attrs for dataset in held):
-                # An array of structures holds each field as an array.
+                # In an array of structures each field is an array.
                 return [
                     dict(zip(fields, row, strict=True))
                     for row in zip(*fields.values(), strict=False)
@@ -130,7 +130,7 @@ def _of_hdf5(content: bytes) -> Struct:
 def _structs(
     tree: Any, path: str = "", depth: int = 0, seen: set[int] | None = None
 ) -> Iterator[tuple[str, Struct]]:
-    """Every structure, once, with where it stands, as MATLAB writes it: `B0005.cycle(3).data`."""
+    """Every structure, once, with its path in MATLAB's notation: `B0005.cycle(3).data`."""
     seen = set() if seen is None else seen
     if depth > _DEEPEST or id(tree) in seen:
         return
@@ -150,14 +150,14 @@ def _is_column(value: Any) -> bool:
 
 
 def _columns(struct: Struct) -> dict[str, np.ndarray]:
-    """A structure's columns of numbers, of the length that most of them have."""
+    """A structure's columns of numbers that have its most common length."""
     columns = {name: np.ravel(value) for name, value in struct.items() if _is_column(value)}
     usual = Counter(map(len, columns.values())).most_common(1)
     return {name: value for name, value in columns.items() if len(value) == usual[0][0]}
 
 
 def _chosen(structs: Mapping[str, Struct], given: Mapping[str, str]) -> dict[str, np.ndarray]:
-    """The columns that the user names by where they stand, and those beside the first of them."""
+    """The columns that the user names by their paths, and those next to the first of them."""
     chosen, beside = {}, {}
     for text in given.values():
         for name in (text, text.rpartition(":")[0]):
@@ -180,7 +180,7 @@ def _frame(columns: Mapping[str, np.ndarray]) -> pl.DataFrame:
 
 
 def _start_s(cycle: Struct) -> float:
-    """The start of a cycle of NASA's, by its date of six numbers; zero where it has none."""
+    """The start of one of NASA's cycles, by its date of six numbers; zero without one."""
     date = np.ravel(cycle.get("time", ()))
     if len(date) != 6 or date.dtype.kind not in "iuf" or not np.isfinite(date).all():
         return 0.0
@@ -194,7 +194,7 @@ def _start_s(cycle: Struct) -> float:
 def _joined(
     structs: Mapping[str, Struct], records: Mapping[str, dict[str, np.ndarray]], path: str
 ) -> Table | None:
-    """NASA's cycles behind each other, each from when it began; None where one does not tell."""
+    """NASA's cycles one after another, each at its own start; None if one has no date."""
     cycles = {name: structs[name.removesuffix(".data")] for name in records}
     starts_s = {name: _start_s(cycle) for name, cycle in cycles.items()}
     if not all(starts_s.values()):
@@ -214,7 +214,7 @@ def _joined(
 
 
 def _refusal(structs: Mapping[str, Struct], records: Sequence[str]) -> str:
-    """Why no record is taken, and what the file holds."""
+    """Why no record is read, and what the file contains."""
     option = "`columns='time={0}NAME:s,current={0}NAME:A,voltage={0}NAME:V'`"
     if records:
         names = ", ".join(

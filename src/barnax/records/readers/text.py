@@ -1,7 +1,7 @@
-"""Delimited text: comma, semicolon, tab, bar or blanks between the cells, any mark in numbers.
+"""Delimited text: cells separated by comma, semicolon, tab, bar or blanks, with any decimal mark.
 
 The lines above the names are skipped, units below them are joined to them, and rows of another
-layer, as Neware's reports have for cycles and steps, are left out. Polars reads the cells.
+layer, such as cycles and steps in Neware's reports, are left out. Polars reads the cells.
 """
 
 import csv
@@ -24,18 +24,18 @@ from .content import NUMBER_BYTES, as_utf8, head_lines, is_text, require_room
 Schema = Mapping[str, type[pl.DataType]]
 
 _DELIMITERS = ",;\t|"
-_BLANK = " "  # Cells in columns, as printed for the eye.
-# The widest headers have some 3,000 characters.
+_BLANK = " "  # Cells in columns, as printed to be read by people.
+# The widest headers have about 3,000 characters.
 _LONGEST_HEADER = 20_000
-# What Polars guesses the types of columns from.
+# From this many rows Polars guesses the types of columns.
 _GUESSED_LINES = 1000
-# The number of lines that show whether numbers are cut in two.
+# This many lines show whether numbers are cut in two.
 _SPLIT_LINES = 200
 _WORD = "[A-Za-z]{3}"
 
 
 def _cells(line: str, delimiter: str) -> list[str]:
-    """The cells of one line; none where the standard library finds a cell too long."""
+    """The cells of one line; none if the standard library finds a cell too long."""
     if delimiter == _BLANK:
         return re.sub(r"[ \t]{2,}", "\t", line.strip()).split("\t")
     try:
@@ -46,12 +46,12 @@ def _cells(line: str, delimiter: str) -> list[str]:
 
 def _read(content: bytes, given: Mapping[str, str]) -> Table:
     content = as_utf8(content)
-    # The row in the file is kept, so blank lines above the names count.
+    # Blank lines above the names count, so that each row keeps its number in the file.
     lines = head_lines(content)
     above, names, delimiter = _layout(lines, given)
     lead = above + 1
     content, breaks = _without_repeats(content, above)
-    # Of blank lines below the names the first that is not may hold the units.
+    # Below the names, the first line that is not blank may have the units.
     blank = next((k for k, line in enumerate(lines[lead:]) if line.strip()), 0)
     below = "".join(lines[lead + blank : lead + blank + 1])
     header = names.with_units(_cells(below, delimiter))
@@ -81,16 +81,16 @@ def _read(content: bytes, given: Mapping[str, str]) -> Table:
 
 
 def _within_the_names(table: Table) -> Table:
-    """The table without its last column, which is of cells beyond the names, and has none.
+    """The table without its last column, for cells beyond the names, if that is empty.
 
-    Raises InputError where rows have more cells than there are names: which cell belongs to which
-    name cannot be told.
+    Raises InputError if rows have more cells than there are names: it is then unknown which cell
+    belongs to which name.
     """
     *columns, beyond = table.columns
     header = Header(table.header.names[:-1], table.header.given)
     table = replace(table, header=header, columns=tuple(columns))
     if columns[-1].dtype != pl.String:
-        # A remark behind numbers moves none of them.
+        # A remark after the numbers does not displace them.
         beyond = beyond.cast(pl.Float64, strict=False)
     if beyond.null_count() == len(beyond):
         return table
@@ -117,7 +117,7 @@ def _within_the_names(table: Table) -> Table:
 
 
 def _fits(named: Mapping[str, Column], columns: Sequence[pl.Series]) -> bool:
-    """True if the columns are what the names say: a clock that runs, and the voltage of a cell."""
+    """True if the columns fit the names: a clock that runs, and the voltage of a cell."""
     clock = named.get("time") or named.get("date") or named.get("step time")
     if clock is None or "voltage" not in named:
         return True
@@ -131,21 +131,21 @@ def _fits(named: Mapping[str, Column], columns: Sequence[pl.Series]) -> bool:
 
 
 def _layout(lines: list[str], given: Mapping[str, str]) -> tuple[int, Header, str]:
-    """The number of lines above the names, these, and the delimiter: of the first line that names a
-    record or an OCV table, else the first that is not blank.
+    """The number of lines above the names, the names, and the delimiter: of the first line with the
+    names of a record or an OCV table, else the first that is not blank.
 
-    Some testers write what was tested, by whom and when above their table.
+    Some testers describe the test above their table.
     """
     fallback, most = None, 1
     for above, line in enumerate(lines):
-        # Rows of numbers name nothing, unless names are given, which may be numbers too.
+        # Numbers are not names, unless the user has given them as such.
         is_of_numbers = fallback is not None and not given and not any(map(str.isalpha, line))
         if is_of_numbers or len(line) > _LONGEST_HEADER or not line.strip():
             continue
         delimiter, header = _names(line, given)
         if header.is_record or header.is_ocv_table:
             return above, header, delimiter
-        # The names of a record may stand further below.
+        # The names of a record may come further below.
         named = len(NEEDED) if header.other_table else len(header.columns.keys() & NEEDED)
         if fallback is None or named > most:
             fallback, most = (above, header, delimiter), max(named, most)
@@ -164,9 +164,10 @@ def _layout(lines: list[str], given: Mapping[str, str]) -> tuple[int, Header, st
 
 
 def _names(line: str, given: Mapping[str, str]) -> tuple[str, Header]:
-    """The delimiter of a line and its names: by the one that names a record, else the commonest.
+    """The delimiter of a line and its names: the delimiter that gives the names of a record, else
+    the commonest.
 
-    Without a delimiter, names are apart by several blanks, else by single ones.
+    Without a delimiter, names are separated by several blanks, else by single ones.
     """
     commonest = sorted(_DELIMITERS, key=line.count, reverse=True)
     split = [(mark, Header(tuple(_cells(line, mark)), given)) for mark in commonest if mark in line]
@@ -179,7 +180,7 @@ def _names(line: str, given: Mapping[str, str]) -> tuple[str, Header]:
 
 
 def _offset(content: bytes, lines: int, at: int = 0) -> int:
-    """The beginning of the line after so many, counted from the one at `at`."""
+    """The offset of the line after this many, counted from the one at `at`."""
     for _ in range(lines):
         at = content.find(b"\n", at) + 1
         if at == 0:
@@ -188,9 +189,9 @@ def _offset(content: bytes, lines: int, at: int = 0) -> int:
 
 
 def _without_repeats(content: bytes, above: int) -> tuple[bytes, list[tuple[int, int]]]:
-    """The content, without what joined files repeat: their names and all above.
+    """The content without the repeated names of joined files and the lines above them.
 
-    With that, each row from which on lines are left out, and how many.
+    Also each row from which lines are left out, and their number.
     """
     start, end = _offset(content, above), _offset(content, above + 1)
     names, first = content[start:end], content[: _offset(content, 1)]
@@ -207,7 +208,7 @@ def _without_repeats(content: bytes, above: int) -> tuple[bytes, list[tuple[int,
 
 
 def _refuse_decimal_commas(lines: Sequence[str], above: int, names: int, delimiter: str) -> None:
-    """Raise InputError where commas between cells cut numbers with decimal commas in two: there are
+    """Raise InputError if commas between cells cut numbers with decimal commas in two: there are
     more numbers than names, and none has a point."""
     lines = [line for line in lines[:_SPLIT_LINES] if line.strip(", ")]
     beyond = [cell for line in lines for cell in _cells(line.rstrip(", "), ",")[names:]]
@@ -222,10 +223,10 @@ def _refuse_decimal_commas(lines: Sequence[str], above: int, names: int, delimit
 def _columns(
     text: bytes, start: int, header: Sequence[str], delimiter: str
 ) -> tuple[pl.Series, ...]:
-    """The cells from `start` on: numbers where a column holds nothing else, else text."""
+    """The cells from `start` on: numbers if a column has nothing else, else text."""
     texts = {str(k): pl.String for k in range(len(header))}
-    # The first line tells Polars the width, and testers end the names or the cells with one more
-    # delimiter: a line of our own is as wide as the header.
+    # Polars takes the width from the first line, and testers end the names or the cells with one
+    # more delimiter: our own first line is as wide as the header.
     wide = f"{delimiter * (len(header) - 1)}\n".encode() if len(header) > 1 else b'""\n'
     encoding = "utf8" if text.isascii() else "utf8-lossy"
     how: dict[str, Any] = {"separator": delimiter, "encoding": encoding, "has_header": False}
@@ -246,7 +247,7 @@ def _columns(
             " quotes inside cells."
         ) from error
     plain = _plain(frame)
-    # The blanks around cells take longer.
+    # Removing blanks around cells takes longer.
     return tuple(
         plain[cells.name] if cells.name in plain else cells.str.strip_chars().replace("", None)
         for cells in frame
@@ -272,7 +273,8 @@ def _kept(table: Table, is_left_out: Bool[np.ndarray, "lines"], part: str) -> Ta
 
 
 def _records_of_layers(table: Table) -> Table:
-    """The table without the rows that have something in front, where the first columns are blank.
+    """The table without the rows that have something in the first columns where those are otherwise
+    blank.
 
     Neware's reports write cycles, steps and records below one another, each indented further.
     """
@@ -282,11 +284,11 @@ def _records_of_layers(table: Table) -> Table:
         return table
     front = np.any([column.is_not_null().to_numpy() for column in table.columns[:blank]], axis=0)
     header, columns = Header(names[blank:], table.header.given), table.columns[blank:]
-    # Where all rows have it, it is a column without a name, as an index of pandas.
+    # If all rows have it, it is a column without a name, such as an index of pandas.
     if front.all() or not front.any():
         return replace(table, header=header, columns=columns)
     if "step" not in header.columns:
-        # Every other row begins a step; that of a cycle stands on one line with its first.
+        # Every other row begins a step; the row of a cycle is on one line with its first step.
         header = Header(("Step Count", *header.names), header.given)
         columns = (pl.Series(np.cumsum(front)), *columns)
     records = replace(table, header=header, columns=columns)
@@ -294,7 +296,7 @@ def _records_of_layers(table: Table) -> Table:
 
 
 def _without_headings(table: Table) -> Table:
-    """The table without the lines between its rows that have words in the first cell alone."""
+    """The table without the lines between its rows that have words in the first cell only."""
     first, *others = table.columns
     if first.dtype != pl.String or not all(column.null_count() for column in others):
         return table

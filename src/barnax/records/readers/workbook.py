@@ -1,9 +1,9 @@
 """Spreadsheet workbooks of Arbin, Neware, Landt and other testers.
 
-An Arbin workbook holds `Info`, `Channel_<chassis>-<channel>` and, past the old sheet limit of
-65,536 rows, `Channel_<chassis>-<channel>_2` and so on; Neware's `Detail_` sheets go on likewise.
-Users add sheets of their own. CALCE publishes OOXML workbooks under the suffix `.xls`, so the
-suffix says nothing.
+An Arbin workbook has `Info`, `Channel_<chassis>-<channel>` and, beyond the old sheet limit of
+65,536 rows, `Channel_<chassis>-<channel>_2` and so on; Neware's `Detail_` sheets continue likewise.
+Users add sheets of their own. CALCE publishes OOXML workbooks with the suffix `.xls`, so the suffix
+says nothing.
 """
 
 import re
@@ -28,9 +28,9 @@ _CHANNEL = re.compile(
     r"^(?:channel[ _]*(\d+(?:-\d+)?)?|detail[a-z]*_(\d+_\d+_\d+)|record(?:[ _(]*\d+\)?)?$)",
     re.IGNORECASE,
 )
-# The names stand in one of so many rows.
+# The names are in one of this many rows.
 _ABOVE = 100
-# A sheet takes room for all cells between its outermost ones, whatever is in them.
+# A sheet takes memory for all cells between its outermost ones, even empty ones.
 _READS = """
 import fastexcel
 workbook = fastexcel.read_excel(content)
@@ -41,7 +41,7 @@ for name in workbook.sheet_names:
 
 @dataclass(frozen=True)
 class _Names:
-    """A sheet's names, with the units below them, and how many rows stand above both and above its
+    """A sheet's names, with the units below them, and the number of rows above them and above its
     numbers."""
 
     above: int
@@ -51,7 +51,7 @@ class _Names:
 
 
 def _recognizes(content: bytes) -> bool:
-    """An OOXML workbook is a zip archive with a folder xl; the kind before it is an OLE file."""
+    """An OOXML workbook is a zip archive with a folder xl; the older kind is an OLE file."""
     return content.startswith(_OLE) or (content.startswith(b"PK") and b"xl/" in content)
 
 
@@ -75,7 +75,7 @@ def _read(content: bytes, given: Mapping[str, str]) -> Table:
 
 
 def _names(workbook: fastexcel.ExcelReader, name: str, given: Mapping[str, str]) -> _Names:
-    """The first row that names a record or an OCV table, else the sheet's first."""
+    """The first row with the names of a record or an OCV table, else the sheet's first."""
     sheet = workbook.load_sheet(name, header_row=None, n_rows=_ABOVE, dtypes="string")
     rows, height = sheet.to_polars().rows(), sheet.total_height
     headers = [Header(tuple("" if cell is None else cell for cell in row), given) for row in rows]
@@ -91,13 +91,13 @@ def _body(workbook: fastexcel.ExcelReader, name: str, names: _Names) -> pl.DataF
     """The rows of a sheet below its names."""
     if names.height <= names.body:
         return pl.DataFrame()
-    # Cells of all rows may be of kinds that go into no one column.
+    # The types of cells in all rows may not fit into one column.
     how = {"skip_rows": names.body, "schema_sample_rows": None}
     return workbook.load_sheet(name, header_row=None, **how).to_polars()
 
 
 def _chosen_sheets(headers: dict[str, Header]) -> list[str]:
-    """The sheets that hold the record: a channel's, else the only one with the columns.
+    """The sheets of the record: those of a channel, else the only one with the columns.
 
     Failing that, the only one with some of them, or with names at all.
     """
@@ -124,7 +124,7 @@ def _chosen_sheets(headers: dict[str, Header]) -> list[str]:
         if header.other_table or (len(header.names) > 1 and len(headers) == 1)
     ]
     if len(partial) == 1:
-        # The rules on columns say which of them is missing, or what table it is.
+        # The rules for columns report which of them is missing, or what table it is.
         return partial
     listing = "; ".join(
         f"{name}: {listed(header.names) or 'empty'}" for name, header in headers.items()
@@ -137,9 +137,9 @@ def _chosen_sheets(headers: dict[str, Header]) -> list[str]:
 
 
 def _joined(bodies: dict[str, pl.DataFrame], names: _Names, ignored: list[str]) -> Table:
-    """The sheets one after another, in the order of their first lines' clock.
+    """The sheets one after another, in the order of their first times.
 
-    Workbooks do not promise the order of their sheets; the clock does.
+    The order of sheets in a workbook is arbitrary.
     """
     header = names.header
     filled = [(name, body) for name, body in bodies.items() if body.height]

@@ -119,10 +119,10 @@ def read_record(
     contradicts strong evidence, and if `columns` or `series` is given for what was read already.
 
     >>> import pathlib, tempfile
-    >>> rows = "".join(f"{k},{-(k % 2)},{3.7 - 0.05 * (k % 2)}\n" for k in range(20))
+    >>> rows = "".join(f"{k},{-(k % 2)},{3.7 - 0.05 * (k % 2)}\\n" for k in range(20))
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = pathlib.Path(folder, "pulses.csv")
-    ...     _ = file.write_text("Time [s],Current [mA],Voltage [V]\n" + rows)
+    ...     _ = file.write_text("Time [s],Current [mA],Voltage [V]\\n" + rows)
     ...     record = read_record(file)
     >>> record.sign.value, float(record.current_a.max())
     ('charge-positive', 0.001)

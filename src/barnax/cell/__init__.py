@@ -1,4 +1,4 @@
-"""One cell: open-circuit voltage, hysteresis, capacity and circuit; knows nothing of search."""
+"""One cell: open-circuit voltage, hysteresis, capacity and circuit, without any search."""
 
 from .characterize import characterize as characterize
 from .characterize import characterize_over_temperature as characterize_over_temperature

@@ -29,13 +29,13 @@ from .soc_axis import (
 )
 
 Tests = Sequence[Record | OcvTable]
-# Those of each direction.
+# The discharge branch and the charge branch.
 Points = Mapping[int, Sequence[OcvPoint]]
 
-# Two branches of a cell without hysteresis may cross by what their fits and tests are off.
+# Two branches of a cell without hysteresis may cross within the errors of their fits and tests.
 _LEAST_GAP_V = -2e-3
 SAME_POINT = 1e-6
-# C/15, with the slack of a cell that holds a little less than its rating.
+# C/15, with a tolerance for a cell that has slightly less than its rated capacity.
 SLOW_HOURS = 14.0
 
 
@@ -117,9 +117,10 @@ def characterize(
 
 
 def without_drop(cell: CellModel, resistance_ohm: float) -> CellModel:
-    """The cell at rest: what slow sweeps lost at a resistance is given back to their branches.
+    """The cell at rest: the voltage that slow sweeps lost in a resistance is returned to their
+    branches.
 
-    Where that is more than lies between the branches they meet, and there is no hysteresis.
+    If that is more than the distance between the branches, they meet, and there is no hysteresis.
     """
     branches = {CHARGE: cell.charge_points, DISCHARGE: cell.discharge_points}
     points = {way: branch for way, branch in branches.items() if branch}
@@ -144,15 +145,14 @@ def without_drop(cell: CellModel, resistance_ohm: float) -> CellModel:
 
 
 def characterize_over_temperature(by_degc: Mapping[float, Tests], **options: Any) -> CellModel:
-    """The cell that OCV tests at several temperatures show: as at the one nearest to 25 degC, and
-    with `CellModel.at` at the others. Options are those of `characterize`, which raises what it
-    does for the tests of one temperature."""
+    """The cell from OCV tests at several temperatures: that of the temperature nearest to 25 degC,
+    with `CellModel.at` for the others. Options and errors are those of `characterize`."""
     cells = {degc: characterize(tests, **options) for degc, tests in sorted(by_degc.items())}
     return over_temperatures(cells)
 
 
 def over_temperatures(by_degc: Mapping[float, CellModel]) -> CellModel:
-    """One cell of those of several temperatures in degC, from cold to warm."""
+    """One cell from those at several temperatures in degC, from cold to warm."""
     cells = {degc: replace(cell, temperature_degc=degc) for degc, cell in by_degc.items()}
     nearest = min(cells, key=lambda degc: abs(degc - REFERENCE_DEGC))
     others = tuple(cell for degc, cell in cells.items() if degc != nearest)
@@ -162,7 +162,7 @@ def over_temperatures(by_degc: Mapping[float, CellModel]) -> CellModel:
 
 def _fitted(points: Points, ocv_fit: OcvFit, hysteresis_fit: HysteresisFit) -> dict[str, Any]:
     """The fields of a cell that follow from its points: curves, hysteresis, and their errors; those
-    of the average are against the mean of both branches' PCHIP."""
+    of the average are relative to the mean of both branches' PCHIP."""
     curves: dict[int, Curve] = {}
     for way in (way for way in (DISCHARGE, CHARGE, EITHER) if way in points):
         soc = np.array([point.soc for point in points[way]])
@@ -194,21 +194,21 @@ def _fitted(points: Points, ocv_fit: OcvFit, hysteresis_fit: HysteresisFit) -> d
 
 
 def _shared_soc(charge: Curve, discharge: Curve) -> Float[np.ndarray, "points"]:
-    """SOC of all points of both branches that lie on both."""
+    """SOC of all points of both branches within their common range."""
     soc = np.union1d(charge.soc, discharge.soc)
     low, high = max(charge.soc[0], discharge.soc[0]), min(charge.soc[-1], discharge.soc[-1])
     soc = soc[(soc >= low) & (soc <= high)]
-    # Points of both branches at the same SOC differ in their last bits; one of them is enough.
+    # Points of both branches at the same SOC differ in their last bits; one of them suffices.
     return soc[np.append(True, np.diff(soc) > SAME_POINT)]
 
 
 def _sources(points: Sequence[OcvPoint]) -> str:
-    """The files that the points come from."""
+    """The files of the points."""
     return ", ".join(dict.fromkeys(point.source for point in points))
 
 
 def _test_warnings(sweeps: Mapping[int, Sweep], points: Points) -> Iterator[Notice]:
-    """Warnings of what a test leaves unknown by its kind, and of a sweep too fast for its
+    """Warnings of what the kind of test leaves unknown, and of a sweep too fast for its
     hysteresis."""
     source = _sources([point for branch in points.values() for point in branch])
     if len(points) == 1:

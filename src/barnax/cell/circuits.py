@@ -1,4 +1,4 @@
-"""The circuits: which elements, and which OCV and hysteresis.
+"""The circuits: their elements, OCV and hysteresis.
 
 A new circuit is a `Circuit` here and one line in `CIRCUITS`.
 """
@@ -27,8 +27,8 @@ def no_gap_v(_: CellModel, soc: Samples) -> Samples:
 
 @dataclass(frozen=True)
 class Hysteresis:
-    """The gap between the branches of the OCV, and the state h, -1 after discharging and +1 after
-    charging, that half of it is multiplied by.
+    """The gap between the branches of the OCV, and the state h that half of it is multiplied by: -1
+    after discharging and +1 after charging.
 
     Args:
         kind: What moves the state: it follows the direction at once, turns along loops, or is
@@ -45,7 +45,7 @@ class Hysteresis:
         return self.gap_v(cell, soc) / 2
 
     def state(self, soc: Samples, direction: Samples) -> Samples:
-        """The state at every sample, of a dynamic hysteresis the one toward which it moves."""
+        """The state at every sample; for a dynamic hysteresis the one toward which it moves."""
         return loops(soc, direction) if self.kind == "loops" else direction
 
 
@@ -55,7 +55,7 @@ NO_HYSTERESIS = Hysteresis("none", no_gap_v)
 
 @dataclass(frozen=True)
 class Circuit:
-    """Elements in series with a voltage source. `CIRCUITS.add` makes it known by its name.
+    """Elements in series with a voltage source. `CIRCUITS.add` registers it under its name.
 
     Args:
         name: What problems, results and options call it.
@@ -84,38 +84,40 @@ class Circuit:
 
     @property
     def pairs(self) -> int:
-        """Number of elements, RC pairs mostly."""
+        """Number of elements, usually RC pairs."""
         return len(self.elements)
 
     def beside(self, *elements: str) -> "Circuit":
-        """The same with further elements, `so-rc` with diffusion being `so-rc+diffusion`."""
+        """The circuit with further elements; `so-rc` with diffusion is `so-rc+diffusion`."""
         described = ", ".join(get_element(name).description for name in elements)
         name, words = "+".join((self.name, *elements)), f"{self.description}, and {described}"
         return replace(self, name=name, description=words, elements=(*self.elements, *elements))
 
     @property
     def has_hysteresis(self) -> bool:
-        """True where the voltage depends on more of the OCV test than the OCV around the gap."""
+        """True if the voltage depends on more of the OCV test than the OCV in the middle of the
+        gap."""
         return self.hysteresis.kind != "none"
 
     @property
     def has_rate(self) -> bool:
-        """True where the hysteresis is dynamic."""
+        """True if the hysteresis is dynamic."""
         return self.hysteresis.kind == "dynamic"
 
     def hysteresis_on(self, cell: CellModel) -> Hysteresis:
-        """The hysteresis; none on a cell without a gap, which the fit of a dynamic one may find."""
+        """The hysteresis on a cell; none on a cell without a gap, unless the fit of a dynamic one
+        can find it."""
         has_gap = self.has_rate or np.any(self.hysteresis.half_v(cell, EVERYWHERE))
         return self.hysteresis if has_gap else NO_HYSTERESIS
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
-        """PyBaMM's names of what is identified."""
+        """PyBaMM's names of the identified parameters."""
         return parameter_names(self.elements, self.has_rate)
 
 
-# The SOC that must pass after a turn of the current until 95 % of the way to the other branch is
-# done. Real cells take some percent to a fifth; `esc` identifies it.
+# The SOC that has to pass after a turn of the current until 95 % of the way to the other branch is
+# covered. Measured cells take several percent to a fifth; `esc` identifies it.
 TURN_SOC = 0.1
 TURN_WIDTH = TURN_SOC / float(np.arctanh(0.95))
 
@@ -123,12 +125,12 @@ TURN_WIDTH = TURN_SOC / float(np.arctanh(0.95))
 def loops(soc: Samples, direction: Samples) -> Samples:
     """The state between the branches, -1 discharged to +1 charged, at every sample.
 
-    In the manner of Windarko and Choi (2010), who describe loops by an improved Takacs model: from
-    where the current turned, the hysteresis goes to the branch of the new direction as the tangent
-    of the charge passed since, and a turn before it is there starts a minor loop. Unlike the
-    exponential of `esc` that depends on where it turned. Their paper could not be read, and their
-    constants are of a NiMH cell: the width is `TURN_SOC`. At the first sample the cell is on the
-    branch of its direction.
+    After Windarko and Choi (2010), who describe loops by an improved Takacs model: from the turn of
+    the current, the hysteresis approaches the branch of the new direction as the hyperbolic tangent
+    of the charge passed since, and a turn before it arrives starts a minor loop. Unlike the
+    exponential of `esc`, it depends on where the current turned. Their paper could not be read, and
+    their constants are for a NiMH cell: the width is `TURN_SOC`. At the first sample the cell is on
+    the branch of its direction.
 
     >>> loops(np.array([0.5, 0.45, 0.4]), np.array([1.0, -1.0, -1.0])).round(2)
     array([ 1.  ,  1.  , -0.45])
@@ -136,7 +138,8 @@ def loops(soc: Samples, direction: Samples) -> Samples:
     turns = np.flatnonzero(np.diff(direction, prepend=direction[:1])).tolist()
     turned, value = np.empty(len(soc)), float(direction[0])
     for begin, end in itertools.pairwise([0, *turns, len(soc)]):
-        # The sample at which the current turns has not moved yet; the next run begins there too.
+        # At the sample where the current turns the state has not changed yet; the next run begins
+        # there too.
         passed = np.abs(soc[begin : end + 1] - soc[begin])
         toward = direction[begin]
         path = toward + (value - toward) * (1 - np.tanh(passed / TURN_WIDTH))
@@ -163,8 +166,8 @@ class Circuits(dict[str, Circuit]):
     """Circuits by name."""
 
     def add(self, circuit: Circuit) -> None:
-        """Make a circuit known. Raises `InputError` where another one has its name, or it has a +
-        in it, as `Circuit.beside` has."""
+        """Register a circuit. Raises `InputError` if another one has its name, or the name contains
+        a +, as those of `Circuit.beside` do."""
         if "+" in circuit.name or self.setdefault(circuit.name, circuit) != circuit:
             raise InputError(
                 f"{circuit.name!r} is another circuit, or reads as one with elements beside it; "
@@ -180,7 +183,7 @@ for _circuit in (ISO_RC, SO_RC, ESC, TAKACS, ONE_RC, THREE_RC, FOUR_RC):
 def make_circuit(
     name: str, *elements: Element | str, like: str = "so-rc", description: str = ""
 ) -> Circuit:
-    """A circuit of one's own elements, known by its name from here on.
+    """A circuit with the user's elements, registered under its name.
 
     Args:
         name: What to call it.
@@ -203,9 +206,9 @@ def make_circuit(
 
 
 def get_circuit(name: str, option: str = "model") -> Circuit:
-    """The circuit registered as `name`, or one with elements beside, such as "so-rc+diffusion".
+    """The circuit registered as `name`, or one with added elements, such as "so-rc+diffusion".
 
-    Raises `InputError` that lists the names, about the option that names it.
+    Raises `InputError` that lists the names.
 
     >>> get_circuit("so-rc").name
     'so-rc'

@@ -17,7 +17,7 @@ from ..notices import Notice
 from ..settings import HysteresisFit, OcvFit
 
 POLYNOMIAL_DEGREE = 7
-# Of two rested points each may be 1.5 mV off.
+# Each of two rested points may be off by 1.5 mV.
 FALL_TOLERANCE_V = OVERSHOOT_TOLERANCE_V = 3e-3
 MISS_TOLERANCE_V = 10e-3
 CHECKS_PER_GAP = 50
@@ -28,8 +28,8 @@ Values = Float[np.ndarray, "points"]
 class AbstractCurve(Brief, ABC):
     """A curve over SOC, constant beyond its end points.
 
-    `points` are the (SOC, voltage in V) it was fitted to, SOC strictly increasing. Raises
-    `InputError` where they are not finite or not increasing.
+    `points` are the (SOC, voltage in V) it was fitted to, with increasing SOC. Raises `InputError`
+    if they are not finite or not increasing.
     """
 
     kind: ClassVar[OcvFit]
@@ -126,7 +126,7 @@ Curve = PolynomialCurve | InterpolatedCurve
 
 
 def fit_curve(soc: Values, voltage_v: Values, fit: OcvFit) -> Curve:
-    """The curve of the kind `fit` through the points, SOC strictly increasing.
+    """The curve of the kind `fit` through the points, with increasing SOC.
 
     Raises `InputError` for an unknown kind and for too few points.
     """
@@ -136,10 +136,10 @@ def fit_curve(soc: Values, voltage_v: Values, fit: OcvFit) -> Curve:
 
 
 def curve_warnings(curve: AbstractCurve, branch: str | None) -> Iterator[Notice]:
-    """Warnings where the curve falls with SOC, leaves the range of its points or misses them.
+    """Warnings if the curve falls with SOC, leaves the range of its points or misses them.
 
-    `branch` is its name, if it has one. An OCV rises with SOC; what falls between good points
-    is the fit, not the cell.
+    `branch` is its name, if it has one. An OCV rises with SOC; a fall between good points is due to
+    the fit, not the cell.
     """
     inside = np.linspace(curve.soc[:-1], curve.soc[1:], CHECKS_PER_GAP, endpoint=False, axis=1)
     grid = np.append(inside, curve.soc[-1])
@@ -173,12 +173,12 @@ Basis = Float[np.ndarray, "5 2 values"]
 KNOTS = np.array([0.0, 0.1, 0.35, 0.75, 0.95, 1.0])
 FLAT = 2
 SEGMENTS = len(KNOTS) - 1
-# The ends of the segments by five nodal values (W(0), W(0.1), P, W(0.95), W(1)), and by nine of
-# their own, of which the flat one has one.
+# The ends of the segments from five nodal values (W(0), W(0.1), P, W(0.95), W(1)), and from nine
+# separate ones, one of them for the flat segment.
 NODES: Basis = np.eye(5)[[[0, 1], [1, 2], [2, 2], [2, 3], [3, 4]]]
 STEPPED: Basis = np.eye(9)[[[0, 1], [2, 3], [4, 4], [5, 6], [7, 8]]]
-# Weight of the tie between neighboring nodes. Squared against one point's weight of 1 it moves a
-# measured node by about a millionth of W, but decides where no point does.
+# Weight of the tie between neighboring nodes. Squared, relative to one point's weight of 1, it
+# moves a measured node by about a millionth of W, but decides where there is no point.
 TIE = 1e-3
 
 
@@ -186,10 +186,10 @@ TIE = 1e-3
 class SegmentedHysteresis(Brief):
     """W(soc), charge minus discharge OCV in V, linear on five segments, the middle one constant.
 
-    `ends_v` holds each segment's values at its left and right end. `continuous` has five nodal
-    values; `independent` is Eq. 4 as printed: nine parameters, with steps at the knots, the value
-    at a knot being that of the segment to its right. SOC beyond 0 and 1 takes the end values.
-    `points` are the (SOC, W in V) it was fitted to.
+    `ends_v` has each segment's values at its left and right end. `continuous` has five nodal
+    values; `independent` is Eq. 4 as printed: nine parameters, with steps at the knots, where the
+    segment to the right applies. Beyond 0 and 1, the end values apply. `points` are the (SOC, W in
+    V) it was fitted to.
 
     >>> soc = np.linspace(0.0, 1.0, 21)
     >>> w = SegmentedHysteresis.fit(soc, np.full(21, 0.01))
@@ -205,9 +205,9 @@ class SegmentedHysteresis(Brief):
     def fit(cls, soc: Values, hysteresis_v: Values, kind: HysteresisFit = "continuous") -> Self:
         """Linear least squares.
 
-        Where a segment holds too few points, its open values follow their neighbors (continuous)
-        or the continuous fit (independent), by a tie too weak to matter elsewhere. Raises
-        `InputError` for an unknown kind, and without any point.
+        If a segment has too few points, its open values follow their neighbors (continuous) or the
+        continuous fit (independent), by a tie too weak to matter elsewhere. Raises `InputError` for
+        an unknown kind, and without any point.
         """
         require_choice("hysteresis_fit", kind, get_args(HysteresisFit))
         if len(soc) == 0:
@@ -224,7 +224,7 @@ class SegmentedHysteresis(Brief):
 
     @classmethod
     def zero(cls) -> Self:
-        """No hysteresis, where only one branch was measured."""
+        """No hysteresis, if only one branch was measured."""
         return cls("continuous", ((0.0, 0.0),) * 5, ())
 
     def __call__(self, soc: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
@@ -252,7 +252,7 @@ class SegmentedHysteresis(Brief):
 
 
 def _locate(soc: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The segment of each SOC and how far into it, 0 to 1."""
+    """The segment of each SOC and the position in it, 0 to 1."""
     inside = np.clip(soc, 0.0, 1.0)
     segment = np.clip(np.searchsorted(KNOTS, inside, side="right") - 1, 0, len(KNOTS) - 2)
     return segment, (inside - KNOTS[segment]) / (KNOTS[segment + 1] - KNOTS[segment])
@@ -261,7 +261,8 @@ def _locate(soc: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _tied(
     lines: Float[np.ndarray, "points 5 2"], target_v: Values, basis: Basis, ties: np.ndarray
 ) -> Ends:
-    """The ends of all segments that fit a target by least squares, where ties leave them open."""
+    """The ends of all segments that fit a target by least squares, with ties where they are
+    open."""
     matrix = np.concatenate([np.tensordot(lines, basis), TIE * ties])
     values = np.linalg.lstsq(matrix, np.append(target_v, np.zeros(len(ties))))[0]
     return basis @ values

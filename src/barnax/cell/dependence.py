@@ -1,5 +1,5 @@
-"""Resistances that follow more than the state of charge: temperature, own heat, current, and its
-direction."""
+"""Resistances that depend on more than the state of charge: temperature, self-heating, current, and
+its direction."""
 
 import math
 from collections.abc import Mapping
@@ -30,22 +30,22 @@ Intervals = Float[np.ndarray, "intervals"]
 class Dependence(Brief):
     """Dependence of a circuit's resistances on more than SOC, with one number for all of them.
 
-    R(s) is what they are at `reference_degc`, or of a cell that has warmed itself so far as those
-    identified on had on the average. At every sample all of them are R(s) exp(-beta (T - T_ref)),
-    with T measured; where it is not, they are R(s) exp(-kappa (h - h_ref)), with h the heating: tau
-    dh/dt = i^2 - h, and h = 0 at the start of the record. The current through the RC pairs is i0
-    asinh(i / i0) in place of i, as by Butler and Volmer with transfer coefficients of a half
-    (Plett, Battery Management Systems, Vol. I, 2015, Sec. 3.11). Where resistances on charge are
-    rho times those on discharge, they are R(s) sqrt(rho) and R(s) / sqrt(rho).
+    R(s) is a resistance at `reference_degc`, or of a cell with the average self-heating of the
+    identification records. At every sample it becomes R(s) exp(-beta (T - T_ref)), with T measured;
+    without a temperature, R(s) exp(-kappa (h - h_ref)), with the heating h: tau dh/dt = i^2 - h,
+    and h = 0 at the start of the record. The current through the RC pairs is i0 asinh(i / i0) in
+    place of i, after Butler and Volmer with transfer coefficients of one half (Plett, Battery
+    Management Systems, Vol. I, 2015, Sec. 3.11). If resistances on charge are rho times those on
+    discharge, they are R(s) sqrt(rho) and R(s) / sqrt(rho).
 
     Attributes:
-        beta_per_k: Share by which resistances fall a kelvin; 0 where no temperature drives them.
-        reference_degc: The temperature at which the tables are.
-        kappa_per_a2: The same by the low-passed square of the current.
-        heating_tau_s: Its time constant; None where self-heating does not drive them.
-        reference_a2: The low-passed square at which the tables are.
-        onset_a: i0, the current from which on the pairs' resistances fall; None where they do not.
-        charge_ratio: rho; None where resistances are the same in both directions.
+        beta_per_k: Relative decrease of resistances per kelvin; 0 without a temperature.
+        reference_degc: The temperature of the tables.
+        kappa_per_a2: Likewise per low-passed square of the current.
+        heating_tau_s: Its time constant; None without self-heating.
+        reference_a2: The low-passed square of the tables.
+        onset_a: i0, the current from which on the resistances of pairs fall; None if they do not.
+        charge_ratio: rho; None if resistances are equal in both directions.
     """
 
     beta_per_k: float = 0.0
@@ -71,7 +71,7 @@ class Dependence(Brief):
         return {name: value for name, value in priors.items() if name in self.numbers}
 
     def with_numbers(self, numbers: Mapping[str, float]) -> "Dependence":
-        """The same with other numbers, by name."""
+        """A copy with other numbers, by name."""
         return replace(self, **{FIELDS[name]: value for name, value in numbers.items()})
 
     def factor(self, time_s: Samples, between_a: Intervals, degc: Samples | None) -> Samples:
@@ -85,14 +85,13 @@ class Dependence(Brief):
         return np.exp(exponent)
 
     def through_pairs(self, current_a: Samples) -> Samples:
-        """The current that counts in the RC pairs."""
+        """The effective current of the RC pairs."""
         if self.onset_a is not None:
             current_a = self.onset_a * np.arcsinh(current_a / self.onset_a)
         return self.by_direction(current_a)
 
     def by_direction(self, current_a: Samples) -> Samples:
-        """The current, discharge positive, so much larger or smaller as resistances are in its
-        direction."""
+        """The current, discharge positive, scaled by the ratio of resistances in its direction."""
         if self.charge_ratio is None:
             return current_a
         return current_a * self.charge_ratio ** np.where(current_a < 0, 0.5, -0.5)
@@ -100,9 +99,9 @@ class Dependence(Brief):
 
 @dataclass(frozen=True)
 class Usual:
-    """The logarithm that a number usually has, its standard deviation among cells, and its pull:
-    a logarithm off by one has to lower the squared error by this share. Within one record
-    temperature rises as SOC falls, and nearly any beta fits."""
+    """The usual logarithm of a number, its standard deviation among cells, and its pull: a
+    logarithm off by one has to lower the squared error by this share. Within one record temperature
+    rises as SOC falls, and nearly any beta fits."""
 
     logarithm: float
     sd: float
@@ -112,8 +111,8 @@ class Usual:
 def between(
     cold: Dependence | None, warm: Dependence | None, degc: float, share: float
 ) -> Dependence | None:
-    """The dependence at a share of the way from a cold temperature to a warm one: beta, kappa,
-    1 / i0 and the logarithm of rho are linear in it, and zero where nothing is followed."""
+    """The dependence at a share of the way from a cold temperature to a warm one: beta, kappa, 1 /
+    i0 and the logarithm of rho are linear in it, and zero without a dependence."""
     if cold is None and warm is None:
         return None
     first, second = (end or Dependence() for end in (cold, warm))
@@ -136,20 +135,20 @@ def between(
     )
 
 
-# What a lithium-ion cell's resistances usually have, of 20 to 50 kJ/mol.
+# Typical of a lithium-ion cell's resistances, from 20 to 50 kJ/mol.
 USUAL_ACTIVATION_J_PER_MOL, GAS_J_PER_MOL_K = 35e3, 8.314
 # The time in which a cell's temperature follows its losses: typically 10 minutes to 2 hours.
 USUAL_HEATING_S = 1800.0
 
 
 def arrhenius_beta(degc: float) -> float:
-    """beta in 1/K of resistances with a usual activation energy, around a temperature."""
+    """beta in 1/K of resistances with a typical activation energy, around a temperature."""
     return USUAL_ACTIVATION_J_PER_MOL / (GAS_J_PER_MOL_K * (degc - KELVIN.offset) ** 2)
 
 
 def filled(time_s: Samples, degc: Samples) -> Samples | None:
-    """Temperatures with those that are missing, or no cell's, taken from their neighbors; None
-    where none is known."""
+    """Temperatures with missing or impossible ones interpolated from their neighbors; None if none
+    is known."""
     is_plausible = (degc > CELL_DEGC[0]) & (degc < CELL_DEGC[1])
     if not np.any(is_plausible):
         return None
@@ -157,5 +156,5 @@ def filled(time_s: Samples, degc: Samples) -> Samples | None:
 
 
 def heat_of(time_s: Samples, between_a: Intervals, tau_s: float) -> Samples:
-    """The low-passed square of the current that flows between samples, in A^2."""
+    """The low-passed square of the current between samples, in A^2."""
     return lagged(np.append(between_a**2, 0.0), tau_s, np.diff(time_s))

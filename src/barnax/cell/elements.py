@@ -1,8 +1,10 @@
-"""The elements in series that relax with one time constant: an RC pair, diffusion, or one's own.
+"""The elements in series that relax with one time constant: an RC pair, diffusion, or the user's
+own.
 
-All answer the current by a positive mixture of RC pairs whose time constants stand in fixed ratios
-to the element's own. So all share one recursion, one reduction of records and one proof: the answer
-at tau is the mixture of the answers at ratio x tau, and keeps every bound of a single pair.
+Each responds to the current as a positive mixture of RC pairs whose time constants have fixed
+ratios to the element's. So all share one recursion, one reduction of records and one proof: the
+response at tau is the mixture of the responses at ratio x tau, and keeps every bound of a single
+pair.
 """
 
 import math
@@ -16,17 +18,17 @@ import numpy as np
 
 from ..errors import InputError
 
-# So near one the shares of a mixture must add up to.
+# The shares of a mixture add up to one within this.
 ROUNDING = 1e-6
-# Slow RC pairs that add up to a smaller share of R need not show in a record.
+# Slow RC pairs that add up to a smaller share of R need not be visible in a record.
 HARDLY_ANY = 0.1
 
 
 @dataclass(frozen=True)
 class Element:
-    """An element of resistance R and time constant tau.
+    """An element with resistance R and time constant tau.
 
-    A step of 1 A takes its voltage to R along R (1 - sum of shares x exp(-t / (ratio tau))).
+    After a step of 1 A its voltage approaches R as R (1 - sum of shares x exp(-t / (ratio tau))).
 
     Args:
         name: What circuits and results call it.
@@ -66,12 +68,12 @@ class Element:
 
     @property
     def slowest_ratio(self) -> float:
-        """The ratio of the pair at which the slow ones add up to a tenth of R; a record must be
+        """The ratio of the pair at which the slow ones add up to a tenth of R; a record has to be
         long enough to show it."""
         return self.ratios[int(np.argmax(np.cumsum(self.shares) >= HARDLY_ANY - ROUNDING))]
 
     def names(self, number: int) -> "ElementNames":
-        """The names of its parameters; `number` counts the RC pairs before and with it."""
+        """The names of its parameters; `number` counts the RC pairs up to this one."""
         return names_beside(f"R_{self.symbol} [Ohm]" if self.symbol else f"R{number} [Ohm]")
 
 
@@ -84,15 +86,16 @@ class ElementNames(NamedTuple):
 
     @property
     def stored(self) -> str:
-        """The name of what a constant circuit stores beside the resistance."""
+        """The name of the parameter that a constant circuit stores in addition to the
+        resistance."""
         return self.capacitance or self.tau
 
 
 RC = Element("rc", "", "RC pair", (1.0,), (1.0,))
 # Of tanh(sqrt(s tau)) / sqrt(s tau) = sum over n of 2 q / (1 + s tau q), q = 1 / ((n - 1/2) pi)^2
 # (Boukamp, Solid State Ionics 20 (1986) 31): its slowest four pairs, and for the others a ladder
-# down from the fifth with a factor of four from pair to pair. The shares are those whose step
-# answer is nearest to the series': within 4.5e-5 of R at every time.
+# down from the fifth, each pair a factor of four faster. With these shares the step response is
+# nearest to that of the series: within 4.5e-5 of R at every time.
 DIFFUSION = Element(
     "diffusion",
     "D",
@@ -112,9 +115,9 @@ ELEMENTS: dict[str, Element] = {element.name: element for element in (RC, DIFFUS
 
 
 def add_element(element: Element) -> Element:
-    """Make an element known by its name, as circuits that have it do.
+    """Register an element under its name, as circuits that have it do.
 
-    Raises `InputError` where another one has that name or that symbol.
+    Raises `InputError` if another one has this name or this symbol.
     """
     for other in ELEMENTS.values():
         if other != element and (other.name == element.name or other.symbol == element.symbol):
@@ -127,7 +130,7 @@ def add_element(element: Element) -> Element:
 
 
 def get_element(name: str) -> Element:
-    """The element of that name. Raises `InputError` that lists the names."""
+    """The element of this name. Raises `InputError` that lists the names."""
     if name not in ELEMENTS:
         raise InputError(
             f"no element is called {name!r}; there are {', '.join(ELEMENTS)}. One of your own is "
@@ -137,7 +140,7 @@ def get_element(name: str) -> Element:
 
 
 def suffix_of(name: str) -> str:
-    """What the names of an element's parameters end in.
+    """The suffix of the names of an element's parameters.
 
     >>> [suffix_of(name) for name in ("R0 [Ohm]", "C1 [F]", "tau_D [s]")]
     ['0', '1', '_D']
@@ -146,12 +149,12 @@ def suffix_of(name: str) -> str:
 
 
 def is_resistance(name: str) -> bool:
-    """True of the name of a parameter, or of a sum of some, that is in ohms."""
+    """True for the name of a resistance, or of a sum of some."""
     return name.endswith("[Ohm]")
 
 
 def element_of(name: str) -> Element:
-    """The element that has a parameter of that name. Raises `InputError` where none has.
+    """The element with a parameter of this name. Raises `InputError` if there is none.
 
     >>> element_of("tau2 [s]").name, element_of("tau_D [s]").name
     ('rc', 'diffusion')
@@ -183,7 +186,8 @@ def names_of(elements: Sequence[str]) -> tuple[ElementNames, ...]:
 
 
 def require_order(elements: Sequence[str]) -> None:
-    """Raise `InputError` unless there are elements, RC pairs first, and no other one twice."""
+    """Raise `InputError` unless there are elements, RC pairs come first, and no other one occurs
+    twice."""
     others = [name for name in elements if name != RC.name]
     if not elements or list(elements) != [RC.name] * (len(elements) - len(others)) + others:
         raise InputError("a circuit needs elements, and its RC pairs come first")
@@ -192,12 +196,12 @@ def require_order(elements: Sequence[str]) -> None:
 
 
 def alike(elements: Sequence[str]) -> int:
-    """Number of the first elements that are RC pairs, which can change places."""
+    """Number of leading elements that are RC pairs, which are interchangeable."""
     return sum(name == RC.name for name in elements)
 
 
 class Rung(NamedTuple):
-    """One RC pair of a mixture: the place of its element, its share and its ratio."""
+    """One RC pair of a mixture: the index of its element, its share and its ratio."""
 
     element: int
     share: float

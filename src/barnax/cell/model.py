@@ -15,22 +15,22 @@ from .soc_axis import GIVEN, OcvPoint
 
 INVERSION_POINTS = 4001
 REST_VOLTAGE_MARGIN_V = 50e-3
-# Of the state of charge, what half the gap is worth where hysteresis matters as it does for LFP.
+# For an LFP cell, half the gap corresponds to at least this much state of charge.
 FLAT = 0.08
-# Parts of an interval of SOC in which the OCV's slope is looked at.
+# Parts of an interval of SOC in which the OCV's slope is evaluated.
 SLOPES = 1000
-# Points of an OCV curve between two measured temperatures, beside those that were measured.
+# Points of an OCV curve between two measured temperatures, in addition to the measured ones.
 MIXED_POINTS = 501
 # Measurements this close count as one temperature.
 SAME_DEGC = 5.0
 NEAR_DEGC = SAME_DEGC / 2
-# Where one temperature stands for all, it is that nearest to this.
+# If one temperature represents all, it is the one nearest to this.
 REFERENCE_DEGC = 25.0
 
 Soc = Float[np.ndarray, "*any"]
 Item = TypeVar("Item")
 
-# The OCV's slope is a difference over so much SOC.
+# The OCV's slope is a difference over this much SOC.
 STEP_SOC = 1e-3
 
 
@@ -84,9 +84,9 @@ class CellModel(Brief):
             raise InputError("a cell needs OCV points")
 
     def at(self, temperature_degc: float | None) -> "CellModel":
-        """The cell at a temperature: as measured within `NEAR_DEGC` of it, in between with OCV,
-        hysteresis and capacity linear in temperature, beyond as at the nearest. Itself where all
-        tests are of one."""
+        """The cell at a temperature: as measured within `NEAR_DEGC` of it; in between with OCV,
+        hysteresis and capacity linear in temperature; beyond as at the nearest. Unchanged if all
+        tests have one temperature."""
         if not self.elsewhere or temperature_degc is None:
             return self
         cells = sorted((self, *self.elsewhere), key=lambda cell: cell.temperature_degc or 0.0)
@@ -104,13 +104,13 @@ class CellModel(Brief):
         return np.asarray((self.charge(soc) + self.discharge(soc)) / 2)
 
     def ocv_slope(self, soc: Soc, step_soc: float = STEP_SOC) -> Soc:
-        """The slope of the average OCV in V by SOC, a difference over such a step."""
+        """The slope of the average OCV in V per SOC, as a difference over this step."""
         half = step_soc / 2
         return (self.average_ocv_v(soc + half) - self.average_ocv_v(soc - half)) / step_soc
 
     def ocv_around_v(self, soc: float) -> tuple[float, float]:
         """The average OCV in V at the measured points below and above a SOC, between which it is
-        interpolated; at an end point beyond it."""
+        interpolated; at an end point beyond the ends."""
         points = np.unique([point.soc for point in self.points])
         above = int(np.clip(np.searchsorted(points, soc), 0, len(points) - 1))
         below = above - 1 if points[above] > soc and above else above
@@ -118,7 +118,7 @@ class CellModel(Brief):
         return low_v, high_v
 
     def least_ocv_slopes(self, nodes: Float[np.ndarray, "nodes"]) -> Float[np.ndarray, "_"]:
-        """The least slope of the average OCV in V per SOC, between each two of these SOC."""
+        """The least slope of the average OCV in V per SOC between neighbors of these SOC."""
         soc = np.linspace(nodes[:-1], nodes[1:], SLOPES + 1)
         return np.min(np.diff(self.average_ocv_v(soc), axis=0) / np.diff(soc, axis=0), axis=0)
 
@@ -146,25 +146,25 @@ class CellModel(Brief):
 
     @property
     def ocv_is_fitted(self) -> bool:
-        """True where its OCV was identified with the circuit, on records that are no OCV test."""
+        """True if its OCV was identified with the circuit, on records without an OCV test."""
         return all(not point.row for point in self.points)
 
     @property
     def has_spanned_capacity(self) -> bool:
-        """True where the capacity is only the charge that a record spans: it may be larger."""
+        """True if the capacity is only the charge that a record spans: it may be larger."""
         return self.ocv_is_fitted and self.capacity_origin != GIVEN
 
     @property
     def has_sweep_drop(self) -> bool:
-        """True where points were measured under load, and that is still in them."""
+        """True if points were measured under load and still include its drop."""
         return self.sweep_ohm is None and any(point.current_a for point in self.points)
 
     @property
     def has_flat_ocv(self) -> bool:
-        """True where hysteresis matters as it does for LFP: half the gap between the branches is as
-        much as the OCV rises over `FLAT` of the SOC, between 20 and 80 %.
+        """True if hysteresis matters as it does for LFP: half the gap between the branches is as
+        large as the rise of the OCV over `FLAT` of the SOC, between 20 and 80 %.
 
-        Cells of layered oxides have 1 %, 4 % where the gap was measured at C/20; LFP has 12 %.
+        Cells with layered oxides have 1 %, or 4 % if the gap was measured at C/20; LFP has 12 %.
         """
         soc = np.linspace(0.2, 0.8, INVERSION_POINTS)
         half_gap_v = float(np.mean(self.charge(soc) - self.discharge(soc))) / 2
@@ -173,7 +173,7 @@ class CellModel(Brief):
 
     @property
     def has_gap(self) -> bool:
-        """True where the OCV test has branches of both directions."""
+        """True if the OCV test has branches in both directions."""
         return bool(self.hysteresis.points)
 
     def soc_from_rest_voltage(self, voltage_v: float, direction: int = 0) -> float:
@@ -188,12 +188,12 @@ class CellModel(Brief):
         return soc
 
     def soc_at_rest(self, voltage_v: float, direction: int = 0) -> float | None:
-        """The same, None where the voltage is more than 50 mV outside the curve."""
+        """The SOC of a rested cell; None if the voltage is more than 50 mV outside the curve."""
         soc, ocv_v = self._rising_ocv(direction)
         low_v, high_v = ocv_v[0] - REST_VOLTAGE_MARGIN_V, ocv_v[-1] + REST_VOLTAGE_MARGIN_V
         if not low_v <= voltage_v <= high_v:
             return None
-        # Flat stretches have no inverse; keep their lowest sample.
+        # A flat stretch has no inverse; its lowest sample is kept.
         rises = np.concatenate([[True], np.diff(ocv_v) > 0])
         return float(np.interp(voltage_v, ocv_v[rises], soc[rises]))
 
@@ -209,7 +209,7 @@ class CellModel(Brief):
         )
 
     def _rising_ocv(self, direction: int) -> tuple[Soc, Soc]:
-        """SOC, and the OCV there of a direction: where a fitted curve falls, its running maximum is
+        """SOC, and the OCV there in a direction: if a fitted curve falls, its running maximum is
         the only monotone reading of it."""
         soc = np.linspace(*self.soc_range, INVERSION_POINTS)
         curve = {0: self.average_ocv_v, 1: self.charge, -1: self.discharge}[direction]
@@ -217,8 +217,8 @@ class CellModel(Brief):
 
 
 def _between(cold: CellModel, warm: CellModel, share: float) -> CellModel:
-    """The cell at a temperature that lies this share of the way from one to another, with the
-    measured points of the nearer one."""
+    """The cell at a temperature this share of the way from one to another, with the measured points
+    of the nearer one."""
 
     def mixed(first: Curve, second: Curve) -> Curve:
         if isinstance(first, PolynomialCurve) and isinstance(second, PolynomialCurve):
@@ -251,7 +251,7 @@ def fit_error(errors_v: Float[np.ndarray, "points"]) -> FitError:
 
 
 def group_near(pairs: Iterable[tuple[float, Item]]) -> dict[float, list[Item]]:
-    """Groups within `SAME_DEGC` of the coldest of each, under the mean of their temperatures.
+    """Groups within `SAME_DEGC` of the coldest of each, by the mean of their temperatures.
 
     >>> group_near([(25.0, "a"), (0.0, "b"), (27.0, "c")])
     {0.0: ['b'], 26.0: ['a', 'c']}

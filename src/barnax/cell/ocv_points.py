@@ -1,5 +1,5 @@
-"""OCV over SOC: as a table, or as the points of a test in a record: rests between pulses, or a slow
-sweep."""
+"""OCV over SOC: as a table, or as the points of a test in a record, either rests between pulses or
+a slow sweep."""
 
 import math
 from collections.abc import Mapping
@@ -22,28 +22,29 @@ from ..records.table import Lines, notice_at, take_lines
 from .soc_axis import CHARGE, DISCHARGE, WORD, OcvPoint, Sweep
 
 MINIMUM_POINTS = 4
-# A rest at a record's end may last for an interval of its sampling more, and no longer than this.
+# A rest at a record's end may continue for one more interval of its sampling, but no longer than
+# this.
 _LARGEST_SLACK_S = 180.0
 # As fractions of the charge the record spans: rests closer than the first are one rest; a swing
 # beyond both neighboring rests larger than the second is a cycle, not the pulses of an HPPC test.
 SAME_SOC, CYCLE = 1e-3, 1e-2
-# A record that begins at rest begins where a rest ended that the file cut off, if its voltage is
-# settled and lies where a neighbor of the next point would.
+# A record that begins at rest begins with the end of a rest that the file omits, if its voltage is
+# settled and fits a neighbor of the next point.
 NEIGHBOR_V = 1.0
-# A slow sweep takes so long, C/10 with the slack of a cell that holds a little less than its
-# rating, and so small a share of its samples is without current: a tester pauses now and then.
+# A slow sweep has this duration, C/10 with a tolerance for a cell that has slightly less than its
+# rated capacity, and this small share of samples without current: a tester pauses now and then.
 SHORTEST_HOURS, PAUSES = 9.5, 0.01
-# It is thinned to so many points, each averaged over a window of half this fraction of the sweep.
+# It is thinned to this many points, each averaged over a window of half this fraction of the sweep.
 POINTS, HALF_WINDOW = 101, 1e-3
-# A kind that passes less than this share of what the other passes is conditioning beside a test.
+# A kind that passes less than this share of the other's charge is conditioning.
 CONDITIONING = 0.5
 
 Charge = Float[np.ndarray, "samples"]
 
 
 class OcvSweeps(NamedTuple):
-    """The OCV sweeps of a record on its own axis of charge, and warnings; `missing` says why there
-    are none."""
+    """The OCV sweeps of a record on its own axis of charge, and warnings; `missing` has the reason
+    if there are none."""
 
     sweeps: tuple[Sweep, ...] = ()
     warnings: tuple[Notice, ...] = ()
@@ -55,10 +56,10 @@ def find_sweeps(
 ) -> OcvSweeps:
     """The OCV sweeps of one record.
 
-    Current below `rest_current_a` is rest; without it `capacity_ah` says what is, and without
-    that the charge that the record spans. A record may hold a pulse-rest test and slow sweeps:
-    one kind counts, and a warning names the other. Raises `InputError` for a `rest_current_a`
-    that no current reaches.
+    Current below `rest_current_a` is rest; without it, the limit follows from `capacity_ah`, or
+    from the charge that the record spans. If a record has both a pulse-rest test and slow sweeps,
+    one kind is used, and a warning names the other. Raises `InputError` for a `rest_current_a` that
+    no current reaches.
     """
     if record.span_ah == 0:
         return _no_test(record, "no charge passed")
@@ -86,10 +87,10 @@ def _no_test(record: Record, reason: str) -> OcvSweeps:
 
 
 def _is_test(rested: list[Sweep], slow: list[Sweep]) -> bool:
-    """True where the sweeps between rests are the test, and the slow ones something beside it.
+    """True if the sweeps between rests are the test, and not the slow ones.
 
-    The kind that measures both directions is; where both kinds do, rests, which hold no
-    overpotential.
+    The kind that measures both directions is the test; if both kinds do, the one with rests, which
+    have no overpotential.
     """
     rested_ah, slow_ah = (
         max((sweep.passed_ah for sweep in kind), default=0.0) for kind in (rested, slow)
@@ -107,12 +108,12 @@ def _ignored(used: Sweep, ignored: Sweep) -> Notice:
 
 
 def find_rest_sweeps(segments: Segments) -> list[Sweep] | str:
-    """The sweeps of a pulse-rest record, at most one of each direction, all on one charge axis; or
-    why there is none of four points.
+    """The sweeps of a pulse-rest record, at most one per direction, all on one charge axis; or the
+    reason why there is none with four points.
 
     A point is the last sample of a rest of at least 30 min; a sweep is a run of points between
-    turning points of the charge, and the turning rest belongs to both. Of several sweeps of a
-    direction the one with the most points counts: a test may be preceded by conditioning.
+    turning points of the charge, and the rest at a turning point belongs to both. Of several sweeps
+    in one direction the one with the most points is used: a test may follow conditioning.
     """
     record, discharged_ah = segments.record, segments.record.discharged_ah
     rests = _with_last_interval(segments)
@@ -127,8 +128,9 @@ def find_rest_sweeps(segments: Segments) -> list[Sweep] | str:
         first, last = (begins[longest] - 1, ends[longest]) if len(begins) else (0, 0)
         if last - first + 1 < MINIMUM_POINTS:
             continue
-        # Charge beyond the end points belongs to it: a test may start loaded at full or stop at the
-        # cut-off without a rest. Where the neighboring sweep turns at the rest itself, it ends.
+        # Charge beyond the end points belongs to the sweep: a test may start under load from full
+        # or stop at the cut-off without a rest. If the neighboring sweep turns at the rest itself,
+        # it ends there.
         along_ah, edges = -direction * discharged_ah, [0, *lasts, record.samples - 1]
         start_ah, end_ah = along_ah[lasts[first]], along_ah[lasts[last]]
         if ways[first] == 0:
@@ -144,7 +146,8 @@ def find_rest_sweeps(segments: Segments) -> list[Sweep] | str:
 
 
 def _with_last_interval(segments: Segments) -> list[Rest]:
-    """The rests; one that ends a record with its last interval, which no sample shows."""
+    """The rests; a rest at the end of a record includes the last interval, which no sample
+    shows."""
     record, rests = segments.record, list(segments.rests)
     is_cut = rests and rests[-1].last == record.samples - 1 and not is_long(rests[-1].duration_s)
     if is_cut and any(is_long(rest.duration_s) for rest in rests):
@@ -154,7 +157,7 @@ def _with_last_interval(segments: Segments) -> list[Rest]:
 
 
 def _points_at(record: Record, rests: list[Rest], discharged_ah: Charge) -> list[Rest]:
-    """The rests at whose ends OCV points stand, in time order."""
+    """The rests that end at OCV points, in order of time."""
     points: list[Rest] = []
     for rest in rests:
         if not is_long(rest.duration_s):
@@ -167,7 +170,7 @@ def _points_at(record: Record, rests: list[Rest], discharged_ah: Charge) -> list
                 points.pop()
         points.append(rest)
     if points and rests[0].first == 0:
-        # The short rest that begins the record may be the end of a long one.
+        # The short rest at the beginning of the record may be the end of a long one.
         last, following = rests[0].last, points[0].last
         charged_ah = discharged_ah[last] - discharged_ah[following]
         step_v = np.sign(charged_ah) * (record.voltage_v[following] - record.voltage_v[last])
@@ -204,22 +207,22 @@ def _why_no_sweep(rests_s: list[float], most: int) -> str:
 def _point(
     record: Record, sample: int, voltage_v: float, rest_s: float = 0.0, current_a: float = 0.0
 ) -> OcvPoint:
-    """An OCV point whose SOC is not known yet."""
+    """An OCV point of unknown SOC."""
     row = int(record.row[sample])
     return OcvPoint(math.nan, float(voltage_v), record.name, row, rest_s, float(current_a))
 
 
 def find_slow_sweeps(segments: Segments) -> list[Sweep]:
-    """The slow sweeps of a record, cut-off to cut-off, in time order; often none.
+    """The slow sweeps of a record, cut-off to cut-off, in order of time; often none.
 
-    A slow sweep passes its charge in one direction, without long rests, at C/10 of that charge
-    or less. Its voltage still holds the overpotential of that current.
+    A slow sweep passes its charge in one direction, without long rests, at C/10 of that charge or
+    less. Its voltage includes the overpotential of that current.
     """
     record, loaded = segments.record, segments.loaded
     if not len(loaded):
         return []
     turns = np.diff(np.sign(record.current_a[loaded])) != 0
-    # A gap of the logger is no rest: some samples in it must show no current.
+    # A gap of the logger is not a rest: some samples in it have to show no current.
     is_rest = (np.diff(loaded) > 1) & (np.diff(record.time_s[loaded]) >= MINIMUM_REST_S)
     cuts = np.flatnonzero(turns | is_rest)
     first, last = loaded[np.append(0, cuts + 1)], loaded[np.append(cuts, len(loaded) - 1)]
@@ -227,7 +230,8 @@ def find_slow_sweeps(segments: Segments) -> list[Sweep]:
     discharged_ah = record.discharged_ah
     passed_ah = np.abs(discharged_ah[end] - discharged_ah[begin])
     loaded_a = np.where(segments.is_rested, 0.0, np.abs(record.current_a))
-    # Weighted by itself, lest pulses pass for slow between rests that a tester reads as loaded.
+    # Weighted by itself, so that pulses do not count as slow between rests that a tester reads as
+    # loaded.
     usual_a = run_sums(loaded_a**2, first, last) / run_sums(loaded_a, first, last)
     pauses = run_sums(segments.is_rested, first, last) / (last - first + 1)
     is_sweep = (usual_a * SHORTEST_HOURS <= passed_ah) & (pauses <= PAUSES)
@@ -238,7 +242,7 @@ def find_slow_sweeps(segments: Segments) -> list[Sweep]:
 def _thin(record: Record, axis_ah: Charge, first: int, last: int, begin: int, end: int) -> Sweep:
     """The sweep with its voltage averaged at points evenly spaced in charge.
 
-    Fewer than `POINTS` where neighbors of them would be the same sample.
+    Fewer than `POINTS` if neighbors of them would be the same sample.
     """
     direction = CHARGE if axis_ah[end] < axis_ah[begin] else DISCHARGE
     readings = np.stack([axis_ah, record.voltage_v, record.current_a])[:, first : last + 1]
@@ -258,7 +262,7 @@ def _thin(record: Record, axis_ah: Charge, first: int, last: int, begin: int, en
     return Sweep("slow", direction, record.name, *ends_ah, charges_ah, read)
 
 
-# SOC may pass full and empty a little; what is far beyond is in percent, or no SOC.
+# SOC may exceed full and empty slightly; values far beyond are in percent, or not SOC.
 _SOC_RANGE, _PERCENT_FROM = (-0.1, 1.1), 1.5
 # The direction of a table with a single column of voltage.
 EITHER = 0
@@ -326,7 +330,7 @@ def read_ocv_table(source: str | Path | Source) -> OcvTable:
 
 
 def _branch(file: str, lines: Lines, name: str, scale: float) -> tuple[OcvPoint, ...]:
-    """The points of one voltage column; lines with an empty cell in it are passed over."""
+    """The points of one voltage column, without lines in which its cell is empty."""
     soc, voltage_v = scale * lines.values["SOC"], lines.values[name]
     points: list[OcvPoint] = []
     for line in np.argsort(soc, kind="stable").tolist():
@@ -352,8 +356,8 @@ def _branch(file: str, lines: Lines, name: str, scale: float) -> tuple[OcvPoint,
 
 
 def read_ocv_test(source: str | Path | Source, **how: Any) -> Record | OcvTable:
-    """The OCV test in a file: a table of OCV over SOC, else a record, read by `read_record`
-    with the arguments `how`."""
+    """The OCV test in a file: a table of OCV over SOC, else a record, read by `read_record` with
+    the arguments `how`."""
     if not isinstance(source, Source):
         source = read_source(source)
     is_table = source.table.header.is_ocv_table

@@ -1,4 +1,4 @@
-"""The numbers of a circuit, and what they are called."""
+"""The numbers of a circuit, and their names."""
 
 import itertools
 import math
@@ -29,7 +29,7 @@ from .elements import (
 MAX_PAIRS = 4
 OHMIC, RATE = "R0 [Ohm]", "gamma"
 OCV_CORRECTION = "OCV correction [V]"
-# An OCV that stands in place of a measured one, with nodes of its own.
+# An OCV in place of a measured one, with its own nodes.
 OCV = "OCV [V]"
 HALF_HYSTERESIS = "half hysteresis [V]"
 
@@ -37,7 +37,7 @@ Names = Sequence[str]
 Table = tuple[float, ...]
 Rows = Sequence[float] | np.ndarray
 
-# The one node of a circuit that does not change with SOC; where it is means nothing.
+# The one node of a circuit that does not change with SOC; its position has no meaning.
 ANYWHERE = (0.5,)
 
 
@@ -54,7 +54,7 @@ def parameter_names(elements: Sequence[str], has_rate: bool = False) -> tuple[st
 
 
 def elements_in(names: Iterable[str]) -> tuple[str, ...]:
-    """The elements that parameters of these names are of, in their order.
+    """The elements with parameters of these names, in their order.
 
     >>> elements_in(["R0 [Ohm]", "R1 [Ohm]", "C1 [F]", "R_D [Ohm]", "tau_D [s]"])
     ('rc', 'diffusion')
@@ -164,7 +164,7 @@ class CircuitParameters(Brief):
         elements: Sequence[str] = (),
         dependence: Dependence | None = None,
     ) -> Self:
-        """A circuit whose resistances, in ohm, are tables over SOC, one value per node."""
+        """A circuit whose resistances, in ohm, are tables over SOC, with one value per node."""
         names = names_of(elements or (RC.name,) * len(tau_s))
         if not len(r_ohm) == len(tau_s) == len(names):
             needed = f"a table of R and a time constant for each of its {len(names)} elements"
@@ -195,7 +195,7 @@ class CircuitParameters(Brief):
 
     @property
     def pairs(self) -> int:
-        """Number of elements, RC pairs mostly."""
+        """Number of elements, usually RC pairs."""
         return len(self.elements)
 
     @property
@@ -258,33 +258,35 @@ class CircuitParameters(Brief):
         return self.named_tau_s | rate | (self.dependence.numbers if self.dependence else {})
 
     def at(self, name: str, soc: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
-        """The table of that name at some states of charge. Raises `KeyError` for an unknown one."""
+        """The table of this name at some states of charge. Raises `KeyError` for an unknown
+        name."""
         return np.interp(soc, self.nodes, self.tables[name])
 
     def level_beyond(self, low_soc: float, high_soc: float) -> Self:
-        """The same with tables that are level beyond the nodes next to these states of charge."""
+        """A copy with tables that are level beyond the nodes next to these states of charge."""
         nodes = self.nodes_beside(low_soc, high_soc)
         tables = {name: tuple(table[node] for node in nodes) for name, table in self.tables.items()}
         return replace(self, tables=tables)
 
     def nodes_beside(self, low_soc: float, high_soc: float) -> Int[np.ndarray, "nodes"]:
-        """The index of every node, beyond those next to two states of charge that of the last."""
+        """The index of every node; beyond those next to two states of charge, that of the last
+        one."""
         first = np.searchsorted(self.nodes, low_soc, side="right") - 1
         last = np.searchsorted(self.nodes, high_soc)
         return np.clip(np.arange(len(self.nodes)), max(first, 0), last)
 
     def with_tables(self, changed: Mapping[str, Rows]) -> Self:
-        """The same with other values in some tables, or with more of them."""
+        """A copy with other values in some tables, or with additional ones."""
         pair = {name: tuple(map(float, row)) for name, row in changed.items()}
         return replace(self, tables=self.tables | pair)
 
     def without(self, name: str) -> Self:
-        """The same without a table, such as that of the half hysteresis."""
+        """A copy without a table, such as that of the half hysteresis."""
         tables = {each: row for each, row in self.tables.items() if each != name}
         return replace(self, tables=tables)
 
     def ordered(self) -> Self:
-        """The same circuit with its pairs from fast to slow."""
+        """The circuit with its pairs from fast to slow."""
         pairs = self.names[: alike(self.elements)]
         by_tau = sorted(pairs, key=lambda pair: self.named_tau_s[pair.tau])
         source = dict(zip(itertools.chain(*pairs), itertools.chain(*by_tau), strict=True))
@@ -295,7 +297,7 @@ class CircuitParameters(Brief):
         return replace(self, tables=tables, scales=scales)
 
     def laddered(self) -> Self:
-        """The same circuit, each element as the RC pairs that it consists of."""
+        """The circuit with each element as the RC pairs that it consists of."""
         rungs = rungs_of(self.elements)
         if len(rungs) == self.pairs:
             return self
@@ -324,7 +326,8 @@ class CircuitParameters(Brief):
 
     @classmethod
     def from_dict(cls, values: Mapping[str, float]) -> Self:
-        """The circuit that `to_dict` wrote. Raises `InputError` for a missing or unusable value."""
+        """The circuit from the values of `to_dict`. Raises `InputError` for a missing or unusable
+        value."""
         elements = elements_in(values) or (RC.name,)
         names = parameter_names(elements, has_rate=RATE in values)
         missing = [name for name in names if name not in values]
@@ -356,7 +359,7 @@ class CircuitParameters(Brief):
     @model_validator(mode="wrap")
     @classmethod
     def _read(cls, given: Any, by_fields: Any) -> Self:
-        """Stored by its fields; a constant circuit as `to_dict` has it."""
+        """From its stored fields; a constant circuit from the values of `to_dict`."""
         is_flat = isinstance(given, Mapping) and "nodes" not in given
         return cls.from_dict(given) if is_flat else by_fields(given)
 
@@ -366,7 +369,7 @@ class CircuitParameters(Brief):
 
 
 def require_nodes(nodes: Sequence[float]) -> None:
-    """Raise `InputError` unless there are nodes, finite and each above the one before."""
+    """Raise `InputError` unless there are nodes, finite and increasing."""
     if not len(nodes) or not np.all(np.isfinite(nodes)) or np.any(np.diff(nodes) <= 0):
         raise InputError(
             f"the nodes {', '.join(f'{node:g}' for node in nodes)} must be states of charge, each "

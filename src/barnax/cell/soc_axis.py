@@ -1,4 +1,4 @@
-"""The sweeps of an OCV test, where their points lie on the axis of SOC, and the capacity."""
+"""The sweeps of an OCV test, the position of their points on the SOC axis, and the capacity."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,28 +14,29 @@ CHARGE = 1
 DISCHARGE = -1
 WORD = {CHARGE: "charge", DISCHARGE: "discharge"}
 SAME_REST_V = 10e-3
-# A pulse below this fraction of all before it was cut short; timers hold to better than that.
+# A pulse below this fraction of all previous ones was cut short; timers are more exact than that.
 SHORT_PULSE = 0.99
-# Steps below this fraction of the sweep are no pulses.
+# Steps below this fraction of the sweep are not pulses.
 SAME_CHARGE = 1e-3
-# A record may run beyond full and empty by this.
+# A record may exceed full and empty by this.
 BEYOND_SOC = 0.05
-# Errors are stated above this SOC too: below, resistances rise so steeply that an error in the
-# capacity decides.
+# Errors are also stated above this SOC: below, resistances rise so steeply that an error of the
+# capacity dominates.
 ABOVE_SOC = 0.1
 
 
 def is_above(soc: Float[np.ndarray, "samples"]) -> Bool[np.ndarray, "samples"]:
-    """True where a cell is not nearly empty; `ABOVE_SOC` counts, as bands hold their lower edge."""
+    """True where a cell is not nearly empty, including at `ABOVE_SOC`, as bands include their lower
+    edge."""
     return soc >= ABOVE_SOC
 
 
 @dataclass(frozen=True)
 class OcvPoint:
-    """One OCV reading; `rest_s` is how long the cell had rested there, 0 for a slow sweep.
+    """One OCV reading; `rest_s` is the duration of the rest before it, 0 for a slow sweep.
 
-    `soc` is NaN until it is placed on that axis, `row` the row of the source file, and `current_a`
-    what flowed there, discharge positive; 0 at rest.
+    `soc` is NaN until the axis is known, `row` the row of the source file, and `current_a` the
+    current, discharge positive; 0 at rest.
     """
 
     soc: float
@@ -48,10 +49,10 @@ class OcvPoint:
 
 @dataclass(frozen=True)
 class Sweep:
-    """OCV points in the order they were met, in `direction` +1 (charge) or -1 (discharge).
+    """OCV points in measured order, in `direction` +1 (charge) or -1 (discharge).
 
-    `start_ah` and `end_ah` are where the sweep began and ended on its own axis of discharged
-    ampere-hours, `discharged_ah` where its points lie; the first and last may lie inside.
+    `start_ah` and `end_ah` are the ends of the sweep on its own axis of discharged ampere-hours,
+    `discharged_ah` the positions of its points; the first and last may be inside.
     """
 
     kind: Literal["rests", "slow"]
@@ -69,15 +70,15 @@ class Sweep:
 
     @property
     def hours(self) -> float:
-        """The hours that its charge takes at its usual current; only of a slow sweep."""
+        """The hours that its charge takes at its usual current; for a slow sweep only."""
         return self.passed_ah / float(np.median([abs(point.current_a) for point in self.points]))
 
     @property
     def stops_at_cutoff(self) -> bool:
         """True if it ran until full or empty, judging by its points.
 
-        A slow sweep does. Between rests a cut-off shortens the last pulse below all before it, or
-        the last but one where a taper at constant voltage follows.
+        A slow sweep does. Between rests, a cut-off shortens the last pulse below all previous ones,
+        or the last but one if a taper at constant voltage follows.
         """
         if self.kind == "slow":
             return True
@@ -90,8 +91,8 @@ class Sweep:
         )
 
     def placed(self, anchor: "Sweep", scale_ah: float) -> tuple[OcvPoint, ...]:
-        """The points by increasing SOC, which is 1 where a discharge and 0 where a charge begins
-        that is the anchor."""
+        """The points by increasing SOC, which is 1 where a discharge begins and 0 where a charge
+        begins that anchors the axis."""
         anchor_soc = 1.0 if anchor.direction == DISCHARGE else 0.0
         points = (
             replace(point, soc=anchor_soc + (anchor.start_ah - at_ah) / scale_ah)
@@ -101,8 +102,8 @@ class Sweep:
 
 
 def by_direction(sweeps: Sequence[Sweep]) -> dict[int, Sweep]:
-    """One sweep of each direction, of those that begin at the rest where another ended. Raises
-    `InputError` where they do not meet, or a slow sweep is among several."""
+    """One sweep per direction, from those that begin at the rest where another ended. Raises
+    `InputError` if they do not meet, or a slow sweep is among several."""
     joined: dict[int, Sweep] = {}
     for direction in (DISCHARGE, CHARGE):
         same = [sweep for sweep in sweeps if sweep.direction == direction]
@@ -133,22 +134,22 @@ def by_direction(sweeps: Sequence[Sweep]) -> dict[int, Sweep]:
     return joined
 
 
-# How near two charges lie, as a fraction: within the first one capacity may have been measured
-# twice, within the last one it was.
+# How close two charges have to be, as a fraction: within the first one capacity may have been
+# measured twice, within the last one it was.
 AGREEMENT = 0.10
 CLOSURE = 0.02
-# A capacity this far from the charge of the OCV test is a warning, or an error: of a test that
-# does not span both ends, and of one that does, where only another unit or cell explains it.
+# A capacity this far from the charge of the OCV test is a warning, or an error: for a test that
+# does not span both ends, and for one that does, where only another unit or cell explains it.
 CAPACITY_WARNING = 0.05
 CAPACITY_ERROR = 0.20
 HALF = 0.5
-# The origin of a capacity that the user gave.
+# The origin of a capacity given by the user.
 GIVEN = "given"
 
 
 @dataclass(frozen=True)
 class Capacity:
-    """The cell's capacity in Ah, and where it comes from, in words.
+    """The cell's capacity in Ah, and its origin in words.
 
     `axis_ah` scales the OCV sweeps that do not span both ends.
     """
@@ -164,17 +165,17 @@ def decide_capacity(
 ) -> Capacity:
     """The given capacity, checked against the sweeps, or the one they measured.
 
-    `sweeps` maps the direction to its sweep. `given_ah` is the capacity of the cell in the record
-    that is simulated, which may be older or colder than in its OCV test; `ocv_given_ah` is the
-    cell's in the OCV test, where that does not span both ends.
+    `sweeps` maps the direction to its sweep. `given_ah` is the capacity of the cell in the
+    simulated record, which may be older or colder than in its OCV test; `ocv_given_ah` is the
+    capacity in the OCV test, if that does not span both ends.
 
-    A sweep measures the capacity where the other sweep passed the same charge within 10 %, where
-    it is slow (cut-off to cut-off), or where it is alone and no capacity was given. That it ran
-    between full and empty is then an assumption, and a warning, unless it is slow or both sweeps
+    A sweep measures the capacity if the other sweep passed the same charge within 10 %, if it is
+    slow (cut-off to cut-off), or if it is the only one and no capacity was given. That it ran
+    between full and empty is then an assumption, with a warning, unless it is slow or both sweeps
     close and stop at a cut-off.
 
-    Raises `InputError` where the given one is off by more than 20 % (by a factor of 2, where the
-    test spans both ends), or none was given and none was measured.
+    Raises `InputError` if the given one is off by more than 20 % (by a factor of 2 if the test
+    spans both ends), or none was given and none was measured.
     """
     main = _main(sweeps)
     measured = f"the {WORD[main.direction]} of {main.source} passed {main.passed_ah:.4g} Ah"
@@ -215,7 +216,7 @@ def decide_capacity(
 
 
 def _is_possible(sweeps: Mapping[int, Sweep], axis_ah: float, most_ah: float, spans: bool) -> bool:
-    """True where the sweeps may be of a cell of that capacity."""
+    """True if the sweeps may be those of a cell with this capacity."""
     ratio = _main(sweeps).passed_ah / axis_ah
     if spans:
         return HALF <= ratio <= 1 / HALF
@@ -227,16 +228,16 @@ def _is_possible(sweeps: Mapping[int, Sweep], axis_ah: float, most_ah: float, sp
 def scale_to_soc(
     sweeps: Mapping[int, Sweep], capacity: Capacity, shares_axis: bool
 ) -> tuple[dict[int, tuple[OcvPoint, ...]], list[Notice]]:
-    """The points of each direction with their SOC, increasing, and warnings.
+    """The points of each direction by increasing SOC, and warnings.
 
-    With `shares_axis`, all from one record, the rests lie on one ampere-hour axis: 1 where the
-    discharge begins, else 0 where the charge begins. It is scaled by the test's own charge where
-    that spans both ends and the capacity is another (by over 2 %), else by the capacity. So do slow
-    sweeps that close within 2 %, by their own charge, since what ends loaded at its cut-off ends
-    short of full. Other sweeps stand alone: a discharge begins at 1, a charge at 0, and each is
-    scaled by its own charge when it runs between full and empty (slow, or within 2 % of the
-    capacity or of the other sweep), else by the capacity. A warning says which of rests whose
-    charge and the capacity differ by over 2 %.
+    With `shares_axis`, for points from one record, the rests are on one ampere-hour axis: 1 where
+    the discharge begins, else 0 where the charge begins. It is scaled by the charge of the test if
+    that spans both ends and differs from the capacity by over 2 %, else by the capacity. The same
+    holds for slow sweeps that close within 2 %, by their own charge, because a sweep that ends
+    under load at its cut-off ends short of full. Other sweeps are independent: a discharge begins
+    at 1, a charge at 0, and each is scaled by its own charge if it runs between full and empty
+    (slow, or within 2 % of the capacity or of the other sweep), else by the capacity. A warning
+    says which one applies to rests whose charge differs from the capacity by over 2 %.
     """
     is_by_rests = all(sweep.kind == "rests" for sweep in sweeps.values())
     if shares_axis and (is_by_rests or _agree(sweeps, CLOSURE)):
@@ -264,7 +265,7 @@ def _main(sweeps: Mapping[int, Sweep]) -> Sweep:
 
 
 def _agree(sweeps: Mapping[int, Sweep], tolerance: float, direction: int = CHARGE) -> bool:
-    """True where there are both directions, and they passed the same charge."""
+    """True if there are both directions, with the same charge."""
     return len(sweeps) == 2 and _is_near(
         sweeps[direction].passed_ah, sweeps[-direction].passed_ah, tolerance
     )
@@ -275,7 +276,7 @@ def _is_near(charge_ah: float, reference_ah: float, tolerance: float) -> bool:
 
 
 def spans_both_ends(sweeps: Mapping[int, Sweep]) -> bool:
-    """True where the test ran between full and empty.
+    """True if the test ran between full and empty.
 
     A slow sweep does; so do two directions that close and each stop at a cut-off, one at empty and
     one at full.

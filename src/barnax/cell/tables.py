@@ -1,4 +1,5 @@
-"""Tables over state of charge at several temperatures, and the hats that tables consist of."""
+"""Tables over state of charge at several temperatures, and the hat functions of which tables
+consist."""
 
 from dataclasses import dataclass, replace
 
@@ -10,7 +11,7 @@ from ..records.quantities import KELVIN
 from .dependence import between
 from .parameters import CircuitParameters, Rows, Table
 
-# Below this a resistance is at its bound of zero, which has no logarithm.
+# Below this, a resistance is at its bound of zero, which has no logarithm.
 LEAST_OHM = 1e-7
 
 
@@ -33,8 +34,8 @@ def hats(soc: Float[np.ndarray, "samples"], nodes: Rows) -> Float[np.ndarray, "s
 
 @dataclass(frozen=True)
 class TemperatureTables:
-    """A circuit tabulated over SOC at some temperatures, from cold to warm, with the same nodes and
-    time constants at all of them.
+    """A circuit with tables over SOC at several temperatures, from cold to warm, with the same
+    nodes and time constants at all of them.
 
     Raises `InputError` where temperatures do not rise, or tables are not alike.
 
@@ -64,7 +65,7 @@ class TemperatureTables:
                 )
 
     def at(self, temperature_degc: float) -> CircuitParameters:
-        """The tables at a temperature: those of the nearest one beyond the ends. In between the
+        """The tables at a temperature; beyond the ends those of the nearest one. In between the
         logarithm of every resistance is linear in 1/T (Arrhenius), and voltages in T."""
         measured_degc = self.temperatures_degc
         if not measured_degc[0] < temperature_degc < measured_degc[-1]:

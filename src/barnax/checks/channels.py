@@ -12,15 +12,16 @@ from ..records.samples import Samples
 from ..records.sign import step_votes
 from .check_input import CheckInput
 
-# How many steps of either kind make a pattern, at an end of the record and within it, and how far
-# they must agree.
+# How many steps of either kind make a pattern, at an end of the record and within it, and the share
+# that has to agree.
 _FEWEST, _FEWEST_WITHIN, _AGREEING = 3, 6, 0.9
 
 Votes = Float[np.ndarray, "steps"]
 
 
 def in_one_sign(samples: Samples) -> Samples:
-    """The samples in one sign throughout, with an error where it was another over some rows."""
+    """The samples with one sign throughout, and an error if the sign was reversed over some
+    rows."""
     at, votes = step_votes(samples)
     if len(votes) < 2 * _FEWEST:
         return samples
@@ -51,30 +52,30 @@ def in_one_sign(samples: Samples) -> Samples:
 
 
 def _most_contrary(votes: Votes) -> tuple[int, int]:
-    """First and last of the run of votes with the lowest sum (Kadane's algorithm)."""
+    """First and last index of the run of votes with the lowest sum (Kadane's algorithm)."""
     before = np.concatenate([[0.0], np.cumsum(votes)])
     drop = before[1:] - np.maximum.accumulate(before)[:-1]
     last = int(np.argmin(drop))
-    # Of equal heights the last, or the run would begin with votes that cancel each other.
+    # Of equal sums the last, or the run would begin with votes that cancel each other.
     first = last - int(np.argmax(before[last::-1]))
     return first, last
 
 
 _WIDTHS = (1, 2, 3)
-# A spike's height, in volts and in noise; how steady the three samples on either side must be, and
-# how much of it the other channel may explain, as shares of the height.
+# A spike's height, in volts and in noise; how steady the three samples on either side have to be,
+# and how much of it the other channel may explain, as shares of the height.
 _HEIGHT_V, _HEIGHT_NOISE, _BESIDE = 0.02, 12.0, 3
 _STEADY, _EXPLAINED = 0.4, 0.3
 
 Channel = Float[np.ndarray, "samples"]
 Flags = Bool[np.ndarray, "samples"]
-# The units of channels in names of values.
+# Units of the channels in names of values.
 _UNITS = {"voltage": "v", "current": "a"}
 
 
 def find_spikes(given: CheckInput) -> Iterator[Notice]:
-    """Voltages that leave their neighbors, and no current says why; and currents that do, and the
-    voltage does not answer."""
+    """Voltages that leave their neighbors without a change of current; and currents that do so
+    without a response of the voltage."""
     ohmic_v = given.record.current_a * given.samples.resistance_ohm
     both = {
         "voltage": _voltage_spikes(given),
@@ -90,13 +91,13 @@ def find_spikes(given: CheckInput) -> Iterator[Notice]:
 
 def _voltage_spikes(given: CheckInput) -> Flags:
     """True where the voltage spikes."""
-    # A current explains what the voltage does at that moment and later.
+    # A current explains the voltage at that moment and later.
     answer_v = given.record.current_a * given.response_ohm
     return _spikes(given, given.record.source_v, answer_v, after=0)
 
 
 def _spikes(given: CheckInput, values: Channel, other: Channel, after: int) -> Flags:
-    """True where `values` in V leave steady neighbors and come back while `other` stays, up to
+    """True where `values` in V leave steady neighbors and return, while `other` is steady up to
     `after` samples later."""
     least = max(_HEIGHT_V, _HEIGHT_NOISE * given.samples.noise_v)
     spiked = np.zeros(len(values), bool)
@@ -104,7 +105,7 @@ def _spikes(given: CheckInput, values: Channel, other: Channel, after: int) -> F
         size = 2 * _BESIDE + width
         if len(values) < size:
             break
-        # Only a jump can begin one; the windows of all samples would be slow.
+        # Only a jump can begin one; windows around all samples would be slow.
         starts = np.flatnonzero(np.abs(np.diff(values)) > least) + 1
         starts = starts[(starts >= _BESIDE) & (starts + size - _BESIDE <= len(values))]
         window = starts[:, None] - _BESIDE + np.arange(size)
@@ -121,20 +122,21 @@ def _spikes(given: CheckInput, values: Channel, other: Channel, after: int) -> F
     return spiked
 
 
-# What the current must do to a voltage that does not answer, in volts and in steps of resolution.
+# The change of current that is significant if the voltage does not respond, in volts and in steps
+# of resolution.
 _EXPECTED_V, _EXPECTED_STEPS = 0.01, 10.0
 _FEWEST_SAMPLES = 4
-# A voltage that jumps so, both ways, under a current that does not move.
+# A voltage that jumps this far, in both directions, under a steady current.
 _JUMP_V, _JUMP_NOISE, _FEWEST_JUMPS = 5e-3, 8.0, 2
 
 
 def find_stuck_voltage(given: CheckInput) -> Iterator[Notice]:
-    """A voltage of one and the same reading while the current moves."""
+    """A voltage with a constant reading while the current changes."""
     if not given.samples.resistance_ohm:
         return
     voltage_v, current_a = given.record.voltage_v, given.record.current_a
     first, last = equal_runs(voltage_v, _FEWEST_SAMPLES + 2)
-    # At its ends a run may hold samples that were taken just before and after.
+    # At its ends a run may include samples taken just before and after.
     first, last = first + 1, last - 1
     least_a = max(_EXPECTED_V, _EXPECTED_STEPS * given.resolution_v) / given.samples.resistance_ohm
     swing_a = np.zeros(len(first))
@@ -147,7 +149,7 @@ def find_stuck_voltage(given: CheckInput) -> Iterator[Notice]:
 
 
 def find_stuck_current(given: CheckInput) -> Iterator[Notice]:
-    """A current of one and the same reading while the voltage jumps up and down."""
+    """A current with a constant reading while the voltage jumps up and down."""
     first, last = equal_runs(given.record.current_a, _FEWEST_SAMPLES + 1)
     if not len(first):
         return
@@ -191,16 +193,16 @@ def _stuck(
 
 
 def _swing(current_a: Channel) -> float:
-    """The swing of a current, both up and down, but for single samples: where a tester holds the
-    voltage, it goes one way and is no more than noisy the other."""
+    """The swing of a current, both up and down, except for single samples: where a tester holds the
+    voltage, it goes in one direction and is mere noise in the other."""
     middle_a = np.median([current_a[:-2], current_a[1:-1], current_a[2:]], axis=0)
     fall_a = float((np.maximum.accumulate(middle_a) - middle_a).max())
     return min(fall_a, float((middle_a - np.minimum.accumulate(middle_a)).max()))
 
 
-# Readings alike for so many samples, in so many places, at the largest or the smallest value.
+# This many equal samples, in this many places, at the largest or the smallest value.
 _ALIKE, _FEWEST_AT_LIMIT = 4, 3
-# Elsewhere under load hardly any are: a tester without noise repeats every value.
+# Elsewhere under load hardly any are equal: a tester without noise repeats every value.
 _ELSEWHERE, _FEWEST_ELSEWHERE = 0.02, 100
 _LOADED = 0.05
 
@@ -212,8 +214,8 @@ def find_clipped_current(given: CheckInput) -> Iterator[Notice]:
     is_alike = last - first + 1 >= _ALIKE
     in_run = np.repeat(is_alike, last - first + 1)
     is_loaded = np.abs(current_a) > _LOADED * given.samples.peak_a
-    # Both ends of the range may be clipped, at values of their own; but in a direction that has one
-    # value alone, a pulse is set to it.
+    # Both ends of the range may be clipped, at different values; but a direction with a single
+    # value is a pulse set to it.
     limits_a = [
         limit_a
         for limit_a in (current_a.max(), current_a.min())

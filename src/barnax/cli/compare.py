@@ -15,7 +15,7 @@ from .options import Given, options_of, options_of_job
 from .output import DEFAULT_FOLDER, Output, drawn_files
 from .session import Session
 
-# Sections of the report that a terminal shows unless everything is asked for.
+# Sections of the report on the terminal, unless everything is requested.
 SHOWN = {*("Circuits", "Verdict", "Parameters", "Search"), *("Identification", "Validation")}
 
 
@@ -61,7 +61,7 @@ def compare(
     are_drawn = (not barnax.METHODS[method].is_deterministic for _, method in rows)
     total = sum(asked.seeds if is_drawn else 1 for is_drawn in are_drawn)
     with run.watch("Comparing", total) as advance:
-        # Every stage is timed; its seeds advance the one bar that there is.
+        # Every stage is timed; its seeds advance the only bar.
         asked = asked.changed(watch=lambda name, total=0: run.timed(name, advance))
         result = barnax.compare_files(asked)
     seconds = {row.name: run.seconds[row.name] for row in result.rows}
@@ -82,9 +82,9 @@ def compare(
 def chosen_rows(
     models: str | None, methods: str | None, default: Sequence[tuple[str, str]]
 ) -> list[tuple[str, str]]:
-    """Pairs of model and method: the default rows, or all combinations of what was given.
+    """Pairs of model and method: the default rows, or all combinations of the given ones.
 
-    Where only models are given, they go with the default's methods, and the other way round.
+    If only models are given, they are combined with the default methods, and vice versa.
 
     >>> chosen_rows("esc", None, [("so-rc", "ls"), ("so-rc", "pso")])
     [('esc', 'ls'), ('esc', 'pso')]

@@ -79,7 +79,7 @@ def design(
     run.show_document(reporting.design.planned_screen(prior, list(rates)))
     run.show_document(reporting.design.design_screen(test_design))
     if not test_design.is_needed:
-        # A folder that nobody asked for would hold no test.
+        # An automatic folder would contain no test.
         run.folder = output.out
         run.deliver({"design.json": test_design.to_json()}, dict)
         return run.show_written(["design.json"])
@@ -97,8 +97,8 @@ def design(
 
 
 def _earlier(result: Path | None) -> "barnax.Plan":
-    """The records and OCV tests of the plan beside a result, by their whole paths; of pulse tests
-    without an OCV test each is one too."""
+    """The records and OCV tests of the plan next to a result, by their full paths; each pulse test
+    without an OCV test is one too."""
     from ..plan import Plan, plan_from_toml, with_whole_paths
     from ..reopening import StoredInputs
 
@@ -109,7 +109,7 @@ def _earlier(result: Path | None) -> "barnax.Plan":
     tests = plan.of_role("OCV test")
     if plan.command == "hppc" and not tests:
         tests = [replace(part, role="OCV test") for part in plan.of_role("identification")]
-    # The common window is in that of each record, and the next record starts elsewhere.
+    # Each record's window includes the common one, and the next record starts elsewhere.
     common = plan.window
     common = Window(temperature_degc=common.temperature_degc, rest_current_a=common.rest_current_a)
     parts = *plan.of_role("identification"), *tests
@@ -119,9 +119,10 @@ def _earlier(result: Path | None) -> "barnax.Plan":
 def plan_after(
     test: "barnax.Design", earlier: "barnax.Plan", capacity_ah: float | None
 ) -> "barnax.Plan":
-    """The plan that identifies the test's record, `RECORD` beside it, with what counted before.
+    """The plan that identifies the record of the test, `RECORD` next to it, with the previous
+    records.
 
-    Where nothing shows what is full, the record starts where its rest is on the others' OCV.
+    If nothing shows when the cell is full, the record starts where its rest fits the others' OCV.
     """
     from ..plan import FileRole
 
@@ -145,7 +146,7 @@ def _next(test: "barnax.Design", earlier: "barnax.Plan", folder: Path) -> tuple[
 
 
 def _wanted(texts: Sequence[str] | None) -> dict[str, float] | Literal["hppc"] | None:
-    """Wishes such as R0=2% or OCV=10mV."""
+    """Targets such as R0=2% or OCV=10mV."""
     if not texts:
         return None
     if texts == ["hppc"]:

@@ -1,4 +1,4 @@
-"""Files in and out: `barnax check` and `convert` of measured ones, and `export` of a result."""
+"""Files in and out: `barnax check` and `convert` for measured files, and `export` of a result."""
 
 import io
 import json
@@ -131,7 +131,7 @@ def convert(
     path = out or Path(f"{stem}.{to}.parquet")
     require_free_file(path, force, files)
     if path.name.lower().endswith(".csv"):
-        # Where its origin goes.
+        # The place of its provenance.
         origin = path.with_name(f"{path.name[:-4]}.json")
         require_free_file(origin, force)
         if origin.exists() and b'"written by": "barnax ' not in origin.read_bytes():
@@ -145,7 +145,7 @@ def convert(
         sources = [read_source(path, **how.of_tables) for path in files]
         source = joined(sources)
         require_records(how.lags_s, {source.name})
-        # A current that is moved to the voltage's moments is no longer the file's.
+        # A current moved to the times of the voltage is no longer the file's.
         how = replace(how, voltage_lag=how.voltage_lag or 0.0)
         record = barnax.read_record(source, **how.of_record(source.name))
         findings = barnax.check_file(source, **how.of_record(source.name)).findings
@@ -183,7 +183,7 @@ def export(
             difference from barnax.
     """
     session = Session(is_quiet=quiet)
-    # PyBaMM would ask, and then report, what it is used for.
+    # PyBaMM would ask for permission to report usage, and do so.
     os.environ.setdefault("PYBAMM_DISABLE_TELEMETRY", "true")
     session.load_jax()
     exporter = barnax.export.get_exporter(to)
@@ -211,8 +211,8 @@ def bdf_table(record: "Record") -> "pl.DataFrame":
     """The record's samples as a table of the Battery Data Format, charge positive, under its
     preferred labels (battery-data-alliance/battery-data-format).
 
-    The format has no word for when a sample's current flowed. Where it flowed before the sample
-    and no counters prove it, the net capacity is the integral that does.
+    The format cannot express when a sample's current flowed. If it flowed before the sample and no
+    counters prove it, the net capacity is the integral that does.
 
     >>> from barnax.bundled import bundled_file
     >>> from barnax.records import read_record
@@ -224,7 +224,7 @@ def bdf_table(record: "Record") -> "pl.DataFrame":
     net_ah = record.discharged_ah if _is_unproved(record) else record.charge_ah
     columns = {
         "Test Time / s": record.time_s,
-        # Adding zero makes the -0.0 of a rest a plain zero.
+        # Adding zero turns the -0.0 of a rest into 0.
         "Current / A": 0.0 - record.current_a,
         "Voltage / V": record.voltage_v,
         "Surface Temperature / degC": record.temperature_degc,
@@ -241,7 +241,7 @@ def _is_unproved(record: "Record") -> bool:
 
 
 def _provenance(record: "Record") -> dict[str, Any]:
-    """The file that the record is of, and what was decided and changed on the way."""
+    """The source file of the record, and what was decided and changed."""
     return {
         "written by": f"barnax {barnax.__version__}",
         "source": record.name,
@@ -255,7 +255,7 @@ def _provenance(record: "Record") -> dict[str, Any]:
 
 
 def bdf_files(record: "Record", name: str) -> dict[str, bytes]:
-    """The files by name: Parquet that holds its provenance, or CSV with a JSON file beside it."""
+    """The files by name: Parquet with its provenance, or CSV with a JSON file next to it."""
     table = bdf_table(record)
     origin = json.dumps(_provenance(record), indent=1, ensure_ascii=False)
     if not name.lower().endswith(".csv"):

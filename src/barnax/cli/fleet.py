@@ -1,5 +1,5 @@
-"""`barnax fleet`: many cells of a manifest, identified on processes or on Dask, a row each; and
-`barnax life`: what such rows say of the cells' ageing."""
+"""`barnax fleet`: many cells of a manifest, identified by processes or on Dask, one row each; and
+`barnax life`: the cells' ageing from such rows."""
 
 import io
 import signal
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from ..fleet import FleetCell, Progress
     from ..life import Life
 
-# Problems of a manifest that a dry run lists one by one.
+# Problems of a manifest that a dry run lists individually.
 MAX_LISTED = 50
-# Odd cells have a page each; of many, the most extreme come first.
+# Outliers have a page each; of many, the most extreme ones.
 MOST_PAGES = 20
 
 
@@ -102,7 +102,7 @@ def fleet(
     if manifest:
         from ..fleet.manifest import read_manifest
 
-        # What a row leaves empty; paths in a manifest are relative to it.
+        # Defaults of empty values; paths in a manifest are relative to it.
         defaults = {**files, **{name: values[-1] for name, values in of_records.items()}}
         for name in {"ocv", "validate"} & files.keys():
             defaults[name] = [path.absolute() for path in files[name]]
@@ -125,7 +125,7 @@ def fleet(
     from ..fleet.engine import identify_fleet, prepare_process
 
     prepare_process()
-    # Loads JAX, which no exception may stop.
+    # Loads JAX, which must not be stopped by an exception.
     from ..fleet.dataset import FACTORS, RESULTS, parse_shard
     from ..fleet.rows import job_of
 
@@ -133,7 +133,7 @@ def fleet(
     if dry_run:
         return _print_problems(session, cells, settings, problems, origin)
     require_platform()
-    # A shard's have its number in their names.
+    # Files of a shard have its number in their names.
     if not (any(folder.glob("cells*.parquet")) or any(folder.glob("parts*"))):
         for name in ("report.html", RESULTS * keep_results, FACTORS * bool(keep_factors)):
             if name and (folder / name).exists():
@@ -150,7 +150,7 @@ def fleet(
         state = identify_fleet(
             cells, folder, settings=settings, shard=part, report=report, **engine
         )
-    # Parts, factors and results are folders in it.
+    # Parts, factors and results are subfolders.
     if isinstance(folder, Path):
         for inside in (folder, *filter(Path.is_dir, folder.iterdir())):
             report_unfinished(session, inside)
@@ -172,7 +172,7 @@ def _print_problems(
     problems: list[str],
     origin: Path,
 ) -> None:
-    """Print the mistakes in a manifest and in its files. Raises `InputError` if any are."""
+    """Print the mistakes in a manifest and in its files. Raises `InputError` if there are any."""
     from ..fleet.rows import reasons_against
 
     with session.watch("Checking", len(cells)) as advance:
@@ -186,7 +186,7 @@ def _print_problems(
 
 @contextmanager
 def _ended_from_within() -> Iterator[None]:
-    """A block that a signal leaves by an exception, which ends the workers, before the process."""
+    """A block that a signal leaves by an exception, which ends the workers before the process."""
     numbers = (signal.SIGINT, signal.SIGTERM)
     before = [signal.signal(number, signal.default_int_handler) for number in numbers]
     heard = []
@@ -204,8 +204,8 @@ def _ended_from_within() -> Iterator[None]:
 def _summed_up(
     cells: "Sequence[FleetCell]", settings: dict[str, Any], out: Path, origin: Path, is_new: bool
 ) -> str:
-    """The report's sentence, and in the folder itself where something is new in it or in its
-    origin; fits that cannot be repeated are not drawn."""
+    """The sentence of the report, which is also written to the folder if its rows or origin are
+    new; fits that cannot be repeated are not drawn."""
     from ..fleet.rows import identified
     from ..fleet.summary import read_fleet, summarize
 
@@ -300,6 +300,6 @@ def _pages(trends: "Life", cells: Iterable[str]) -> dict[str, bytes]:
 
 
 def _file_name(cell: str) -> str:
-    """A name that is one of a file in its folder."""
+    """A valid file name in its folder."""
     kept = "".join(letter if letter.isalnum() or letter in "-_ " else "-" for letter in cell)
     return kept[:100] or "cell"

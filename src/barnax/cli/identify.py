@@ -64,7 +64,7 @@ def identify(
 
 
 def _fit_factors(options: Identification, paths: list[Path]) -> None:
-    """Tables of records of which only factors were kept, on the screen; files of `out` if given."""
+    """Print the tables of records of which only factors were kept; files of `out` if given."""
     run = options.output.begun(None)
     from ..fit.factor_file import read_factors
     from ..fit.record_factors import fit_factors
@@ -122,16 +122,16 @@ def _run(
     run = options.output.begun(DEFAULT_FOLDER, *records, *inputs)
     promise = None if options.design is None else barnax.Design.load(options.design)
     if run.folder is not None:
-        # Drawing needs modules that take a while to load, and waits for the search anyhow.
+        # Drawing needs modules that load slowly, and waits for the search anyway.
         module = "matplotlib.backends.backend_agg"
-        # No daemon: a process that ends while one loads C++ aborts.
+        # Not a daemon: a process that ends while one loads C++ aborts.
         threading.Thread(target=__import__, args=(module,)).start()
     job = barnax.Job(records, **options_of_job(options.job), watch=run.watch)
     chosen = barnax.plan.plan_of(job) if command == "identify" else None
     plan = barnax.plan.with_choices(chosen or barnax.plan.plan_given(job, command), job)
     if promise is not None:
         plan = _sampled_by(promise, plan)
-    # Where roles were chosen, the reasons are printed while it runs.
+    # If roles were chosen, the reasons are printed during the run.
     are_chosen = all(part.reason for part in plan.parts) and not plan.missing
     if are_chosen:
         run.show_document(reporting.wording.document("planned", plan=plan))
@@ -139,20 +139,20 @@ def _run(
     is_pulsed = command == "hppc" and not records
     result = barnax.hppc(job) if is_pulsed else barnax.identify(job)
     texts = {"result.json": result.to_json()}
-    # A name that no plan can hold costs the plan.
+    # If a plan cannot represent a name, only the plan is missing.
     toml = attempt(barnax.plan_to_toml, barnax.plan.with_whole_paths(plan, result.inputs))
     texts |= {PLAN: toml} if isinstance(toml, str) else {}
     try:
         if plan.stored and not are_chosen:
             run.show_document(reporting.wording.document("planned", plan=plan))
-        # Read while the figures are drawn.
+        # To be read while the figures are drawn.
         if options.output.verbose:
             run.show_document(reporting.identification.identification_document(result))
         run.show_document(reporting.first_screen.first_screen(result))
         if promise is not None:
             run.show_document(reporting.design.promised_screen(promise, result))
     finally:
-        # A screen that takes no more, such as a closed pipe, costs no result.
+        # If the screen cannot be written, as with a closed pipe, the result is still saved.
         draw = partial(result_files, result, options.report, options.paper, options.live)
         run.deliver(texts, draw)
     run.show([reporting.terminal.next_step(*_next(result, run, plan, options.design))])
@@ -162,7 +162,7 @@ def _run(
 
 
 def _sampled_by(promise: "barnax.Design", plan: "barnax.Plan") -> "barnax.Plan":
-    """The plan with the sampling of the current that the record of a designed test alone shows."""
+    """The plan with the sampling of the current that only the record of a designed test shows."""
     from ..records import read_record, read_source
 
     on = plan.of_role("identification")
@@ -182,7 +182,7 @@ def _sampled_by(promise: "barnax.Design", plan: "barnax.Plan") -> "barnax.Plan":
 def result_files(
     result: "barnax.Result", report: bool, paper: bool = False, live: bool = False
 ) -> dict[str, bytes]:
-    """The figures, and the report where it is wanted, by their path in the folder."""
+    """The figures, and the report if requested, by their paths in the folder."""
     tables: dict[str, bytes] = {}
     if result.over:
         tables[TABLES] = reporting.parameters.tables_csv(result.fits)
@@ -196,9 +196,9 @@ def result_files(
 def _next(
     result: "barnax.Result", run: Delivery, plan: "barnax.Plan", design: Path | None
 ) -> tuple[str, str]:
-    """The next step, and the command for it, empty where there is none.
+    """The next step, and its command, empty if there is none.
 
-    Options are added to the plan that the run wrote; a design is compared by the next run too.
+    Options are added to the plan that the run wrote; the next run compares a design too.
     """
     from ..records.source import STDIN
 
@@ -220,8 +220,8 @@ def _next(
 
 
 def _with_record(plan: "barnax.Plan", name: str) -> list[str]:
-    """The words by which a record is identified on too; none where the plan was not chosen, or
-    more than its files was given, which no words here repeat."""
+    """The arguments that add a record to the identification; none if the plan was not chosen, or if
+    more than its files was given, which arguments cannot repeat."""
     from ..plan.document import GIVEN
 
     flags = {"identification": [], "OCV test": ["--ocv"], "validation": ["--validate"]}

@@ -1,14 +1,15 @@
-"""Options of the commands, made of their signatures: types and defaults, and help from docstrings.
+"""Options of the commands, derived from their signatures (types and defaults) and docstrings
+(help).
 
 The parameters of a command are its options, and those that several commands share are a dataclass.
 The docstring of either has a section for each panel of the help, with a line `NAME (SPELLING):
-help` for each: flags begin with a dash, and the rest is how a value is called. Parameters of the
-panel "Arguments" are words without a name. What several commands have is explained in `Shared`;
-options of a job are those of `barnax.identify`, from `settings.py`.
+help` for each: flags begin with a dash, and the rest names the value. Parameters of the panel
+"Arguments" are positional. Common options are explained in `Shared`; options of a job are those of
+`barnax.identify`, from `settings.py`.
 
-Help is one screen. Where all options take more, it has the usual ones with the first words on each,
-and `--help-all` has every one by its panel. What is for research alone is no option: it is a key
-of a plan, or an argument in Python.
+Help is one screen. If all options take more, it has the usual ones with their first words, and
+`--help-all` has every one by its panel. Options for research only are keys of a plan, or arguments
+in Python.
 """
 
 import inspect
@@ -34,7 +35,7 @@ from ..settings import (
 )
 from .session import RESEARCH, as_flags
 
-# What was given of some options, by name.
+# The given values of some options, by name.
 Given = Mapping[str, Any]
 
 # Panels of the help.
@@ -44,15 +45,15 @@ PANELS = {
     **{Settings: "Search", Scope: "Search", TableOptions: "Tables over SOC"},
     **{CellSettings: "Files", Reading: "Files"},
 }
-# Types of values that are read as they are.
+# Types that are converted directly.
 PLAIN = {int, float, str, bool, type(None)}
 SECTION = re.compile(r"^(\S.*):\n((?:    .*\n?)+)", re.M)
 ENTRY = re.compile(r"    (\w+)(?: \(([^()]*)\))?: (.*(?:\n {8}.*)*)")
-# Lines of a screen, and where the first words on an option end.
+# Lines of a screen, and the column where the first words on an option end.
 LINES = 40
 FIRST_WORDS = re.compile(r"[.;:] | \(|[.;:]$")
 
-# How the value of an option of a job is called, where its type does not say it.
+# Names of values of a job's options that their types do not give.
 SPELLED: dict[Any, str] = {
     **{"model": "iso-rc|so-rc|esc|...", "method": "NAME", "columns": "NAMES"},
     **dict.fromkeys(("current_sign", "ocv_current_sign", "validate_current_sign"), "SIGN"),
@@ -89,7 +90,7 @@ def _parameter(name: str, hint: Any, default: Any, entry: Entry, **more: Any) ->
     if entry.panel == ARGUMENTS:
         declared = typer.Argument(default, callback=_restored, **more)
     else:
-        # A flag that is off has no other to switch it off.
+        # A flag that is off by default has no opposite.
         is_flag = hint in (bool, bool | None)
         flags = flags or [f"--{name.replace('_', '-')}"] * is_flag
         declared = typer.Option(default, *flags, **more)
@@ -99,7 +100,7 @@ def _parameter(name: str, hint: Any, default: Any, entry: Entry, **more: Any) ->
 
 
 def _restored(given: Any) -> Any:
-    """What was given, after `restore` of what it names."""
+    """What was given, after `restore` of the files it names."""
     for path in given if isinstance(given, list) else [given]:
         if isinstance(path, Path):
             restore(path)
@@ -156,7 +157,7 @@ class Paths:
 
 
 def _members(kind: Any) -> Iterator[tuple[str, Any, Any, Any]]:
-    """Of every parameter of a command or a group: name, type, default, and what `Annotated` adds,
+    """Name, type and default of every parameter of a command or a group, and what `Annotated` adds,
     such as the options of `Given`."""
     hints, annotated = get_type_hints(kind), get_type_hints(kind, include_extras=True)
     for name, member in inspect.signature(kind).parameters.items():
@@ -165,7 +166,7 @@ def _members(kind: Any) -> Iterator[tuple[str, Any, Any, Any]]:
 
 
 def _parameters(kind: Any) -> Iterator[inspect.Parameter]:
-    """The options of a command or a group, and of the groups in it, in their order."""
+    """The options of a command or a group, including those of nested groups, in order."""
     entries = documented(Shared) | documented(kind)
     for name, hint, default, more in _members(kind):
         if hint == Given:
@@ -178,7 +179,7 @@ def _parameters(kind: Any) -> Iterator[inspect.Parameter]:
 
 
 def _of_job() -> Iterator[inspect.Parameter]:
-    """The options of `barnax.identify`; one that is not given is None."""
+    """The options of `barnax.identify`; None if not given."""
     yield from _parameters(Paths)
     for name, (of_window, *_) in WINDOW_OPTIONS.items():
         entry = Entry(WINDOW, f"[FILE=]{SPELLED[name]}", documented(Window)[of_window].help)
@@ -188,14 +189,14 @@ def _of_job() -> Iterator[inspect.Parameter]:
         for name, entry in documented(kind).items():
             hint, choices = hints[name], choices_in(hints[name])
             if not (choices or {*(get_args(hint) or [hint])} <= PLAIN):
-                # Written in one word, or a word for each of several, and read where it is used.
+                # Written as one word, or one per value, and parsed where it is used.
                 hint = list[str] if Sequence[str] in get_args(hint) else str
             spelling = SPELLED.get(name) or "|".join(choices) or "N" * (hint is int)
             yield _parameter(name, hint | None, None, Entry(panel, spelling, entry.help))
 
 
 OF_JOB = {option.name: option for option in _of_job() if option.name not in RESEARCH}
-# Options of a job that commands have together.
+# Options of a job that commands share.
 GROUPS = {
     "reading": ("current_sign", "current_hold", "voltage_lag", "columns", "series"),
     "files": ("ocv", "validate", "ocv_capacity", "ocv_fit", *documented(Reading)),
@@ -206,7 +207,7 @@ GROUPS = {
     ),
     "tables": ("over", "resistances_follow", "keep_starts"),
 }
-# What a help that is longer than a screen has of them, and what it leaves out of the others.
+# What a help longer than a screen keeps, and what it leaves out of the rest.
 USUAL = {"ocv", "validate", "capacity", "temperature", "initial_soc", "current_sign", "columns"}
 USUAL |= {"series", "model", "over", "trust", "bounds"}
 RARE = {"design", "live", "paper", "as_json", "addresses", "group", "scheduler", "shard"}
@@ -214,16 +215,16 @@ RARE |= {*OF_JOB} - USUAL
 
 
 def options_of(*names: str) -> dict[str, inspect.Parameter]:
-    """Options of a job, or `GROUPS` of them, which a parameter `Given` gets, by name, as far as
-    they were given."""
+    """Options of a job, or its `GROUPS`, for a parameter `Given`: by name, if they were given."""
     return {name: OF_JOB[name] for group in names for name in GROUPS.get(group, (group,))}
 
 
 class Command(TyperCommand):
-    """A command whose help is a screen."""
+    """A command whose help is one screen."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """As ever, but for a flag that is a key of a plan, which is said with the way there."""
+        """Parse the arguments; a flag that is a key of a plan is refused with the way to set it
+        there."""
         for flag in (word.split("=")[0] for word in args):
             if flag.removeprefix("--no-").lstrip("-").replace("-", "_") in RESEARCH:
                 key = flag.removeprefix("--").replace("-", "_")
@@ -234,7 +235,7 @@ class Command(TyperCommand):
         return super().parse_args(ctx, args)
 
     def get_help(self, ctx: Any) -> str:
-        """All options where they take a screen at most or are asked for, else the usual ones."""
+        """All options if they fit on a screen or are requested, else the usual ones."""
         whole = super().get_help(ctx)
         if ctx.meta.get("help_all") or whole.count("\n") < LINES:
             return whole
@@ -242,7 +243,7 @@ class Command(TyperCommand):
         return super().get_help(ctx)
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
-        """The options by panel, the short help in one with the first words on each."""
+        """The options by panel; in the short help one panel with the first words on each."""
         is_short, panels = "is short" in ctx.meta, {ARGUMENTS: list[tuple[str, str]]()}
         for shown in self.get_params(ctx):
             flags = "/".join([", ".join(sorted(shown.opts)), *shown.secondary_opts])
@@ -268,7 +269,7 @@ def _print_all(context: typer.Context, is_asked: bool) -> None:
 
 
 def grouped(command: Callable[..., None]) -> Callable[..., None]:
-    """The command as Typer wants it, its groups spelled out parameter by parameter."""
+    """The command for Typer, with its groups expanded into parameters."""
 
     def spread(**given: Any) -> None:
         _called(command, given)
@@ -295,10 +296,10 @@ def _called(kind: Any, given: Given) -> Any:
 
 
 def windows_of(given: Given) -> dict[str, Window]:
-    """A window for all records by the name "", and one for each record that has its own.
+    """The common window under the name "", and one for each record that has its own.
 
     A record's own start replaces the common one. Raises `InputError` for a value that cannot be
-    read, and where options of one record contradict each other.
+    read, and for contradictory options of one record.
     """
     chosen: dict[str, dict[str, Any]] = {}
     for option, (name, parse, example) in WINDOW_OPTIONS.items():

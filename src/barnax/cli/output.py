@@ -1,4 +1,4 @@
-"""A folder of results, or a single file, written whole or not at all."""
+"""A folder of results, or a single file, written completely or not at all."""
 
 import filecmp
 import hashlib
@@ -24,13 +24,13 @@ from .options import group
 from .session import Session, as_flags
 
 DEFAULT_FOLDER = "barnax-out"
-# One of these is in every folder of results, but for those of factors, which have only tables.
+# Every folder of results has one of these, except those of factors, which have tables only.
 RESULTS = ("result.json", "comparison.json", "soc.json", "design.json", "life.json")
 TABLES = "tables.csv"
-# The file next to a result by which the run is repeated.
+# The file next to a result that repeats the run.
 PLAN = "plan.toml"
 # What barnax wrote into a folder, each file with its SHA-256: all else is the user's, whatever its
-# name, and so is what was changed since.
+# name, as is anything changed since.
 LIST = "files.json"
 
 
@@ -53,9 +53,9 @@ class Output:
     quiet: bool = False
 
     def begun(self, default: str | None, *inputs: Path, with_jax: bool = True) -> "Delivery":
-        """The run of a command, which loads JAX if it computes `with_jax`. Raises `InputError`
-        where an input is missing, or results cannot go to their folder; without a default there is
-        one only where it is given."""
+        """The run of a command, which loads JAX if it computes `with_jax`. Raises `InputError` if
+        an input is missing, or results cannot go to their folder; without a default there is a
+        folder only if one is given."""
         for path in inputs:
             require_there(path)
         folder = self.out or (None if self.as_json or default is None else Path(default))
@@ -69,7 +69,7 @@ class Output:
 
 
 class Delivery(Session):
-    """A session whose results go to a folder; None where they are only printed."""
+    """A session whose results go to a folder; None if they are only printed."""
 
     def __init__(self, output: Output, folder: Path | None):
         super().__init__(output.quiet or output.as_json)
@@ -77,8 +77,8 @@ class Delivery(Session):
         self.written: set[str] = set()
 
     def deliver(self, texts: Mapping[str, str], draw: Callable[[], Mapping[str, bytes]]) -> None:
-        """Write texts, the first of which is the result, with the figures, and print the result, as
-        far as is wanted. What fails to be drawn costs only itself."""
+        """Write texts, the first of which is the result, with the figures, and print the result if
+        requested. A figure that fails to be drawn is the only loss."""
         files = {name: text.encode() for name, text in texts.items()}
         if self.folder is not None:
             with self.watch("Drawing figures"):
@@ -92,7 +92,7 @@ class Delivery(Session):
             typer.echo(next(iter(texts.values())), nl=False)
 
     def write(self, files: Mapping[str, bytes]) -> None:
-        """Put files into the folder, or into the next one that is free, which is then said."""
+        """Put files into the folder, or into the next free one with a message."""
         assert self.folder is not None
         folder, self.written = self.folder, {*files}
         self.folder = write_folder(folder, files, self.output.force)
@@ -101,7 +101,7 @@ class Delivery(Session):
             self.warn([f"{folder}: something else has appeared there; {where}"])
 
     def show_written(self, names: Sequence[str], remark: str = "", following: str = "") -> None:
-        """Print which of these files and folders were written, a remark, and how long all took."""
+        """Print which of these files and folders were written, a remark, and the time taken."""
         if self.folder is not None:
             heads = self.written | _folders(self.written)
             first, *others = (name for name in names if name in heads)
@@ -111,7 +111,7 @@ class Delivery(Session):
 
 
 def page_of(document: "reporting.document.Page") -> bytes:
-    """A document as a page, with options as the command line spells them."""
+    """A document as an HTML page, with options as on the command line."""
     return reporting.render.to_html(document.with_option_names(as_flags)).encode()
 
 
@@ -122,7 +122,7 @@ def drawn_files(
     paper: bool,
 ) -> dict[str, bytes]:
     """The report with the figures that `draw` makes, or only the main ones, and all of them for
-    paper, by their path below the results folder."""
+    paper, by their paths in the results folder."""
     files: dict[str, bytes] = {}
     if paper:
         with barnax.plots.column_width():
@@ -141,7 +141,7 @@ def drawn_files(
 
 
 def require_there(path: Path) -> None:
-    """Raise `InputError` where there is no such file; "-" is the standard input."""
+    """Raise `InputError` if there is no such file; "-" is the standard input."""
     if path == Path("-"):
         return
     try:
@@ -150,12 +150,12 @@ def require_there(path: Path) -> None:
         words = "there is no such file; check the name and the folder."
         raise InputError(f"{path}: {words}") from None
     except (OSError, ValueError):
-        # Whoever reads it says why it cannot be.
+        # The reader of the file explains why it cannot be read.
         return
 
 
 def require_free(folder: Path, is_forced: bool) -> None:
-    """Raise `InputError` where results cannot go to `folder`. Called before any work is done."""
+    """Raise `InputError` if results cannot go to `folder`. Called before any work is done."""
     another = "give `out` another folder"
     with _described(folder, another):
         target = folder.resolve()
@@ -181,15 +181,15 @@ def require_free(folder: Path, is_forced: bool) -> None:
 
 
 def write_folder(folder: Path, files: Mapping[str, bytes], is_forced: bool) -> Path:
-    """Put all files into `folder`, or leave what was there. Keys are paths below the folder.
+    """Put all files into `folder`, or leave it as it was. Keys are paths in the folder.
 
-    A result that is there is replaced where that is forced, if it is as it was written; a user's
-    own files stay. What has appeared there since `require_free` was asked stays too, and the files
-    go to a new folder beside it, `folder-2` or the next that is free: a long search is not lost.
-    Gives the folder that they went to.
+    An existing result is replaced if forced and unchanged; the user's own files stay. Files that
+    appeared after `require_free` stay too, and the results go to a new folder next to it,
+    `folder-2` or the next free one, so that a long search is not lost. Returns the folder that was
+    used.
 
-    A folder is there at once with all its files, the user's among them. Where the process is killed
-    between the two steps that replace one, `restore` takes the second.
+    A folder appears with all its files at once, the user's included. If the process is killed
+    between the two steps of a replacement, `restore` does the second one.
     """
     target = folder.resolve()
     files = {**files, LIST: _listed({name: _hash(content) for name, content in files.items()})}
@@ -197,7 +197,7 @@ def write_folder(folder: Path, files: Mapping[str, bytes], is_forced: bool) -> P
     with described, undisturbed(), ExitStack() as stack:
         target.parent.mkdir(parents=True, exist_ok=True)
         restore(target)
-        # Two commands that end at once write one after the other.
+        # Two commands that end at the same time write one after the other.
         stack.enter_context(locked(target.parent))
         workshop = aside(target.parent)
         workshop.mkdir()
@@ -207,7 +207,7 @@ def write_folder(folder: Path, files: Mapping[str, bytes], is_forced: bool) -> P
             write_whole(fresh / name, content)
         ours, theirs = _ours_and_theirs(target)
         is_replaced = is_forced and not ours.isdisjoint(_results_in(target))
-        # What would replace something of the user's.
+        # What would replace a file of the user's.
         clashes = [name for name in files if (target / name).is_dir()]
         clashes += theirs & (files.keys() | _folders(files))
         if clashes or not is_replaced:
@@ -219,7 +219,7 @@ def write_folder(folder: Path, files: Mapping[str, bytes], is_forced: bool) -> P
         try:
             os.replace(fresh, target)
         except BaseException:
-            # Not to go before it is back: undoing may be stopped too.
+            # Not before it is back: undoing may be stopped too.
             kept = stack.pop_all()
             os.replace(old, target)
             kept.close()
@@ -232,8 +232,8 @@ def write_folder(folder: Path, files: Mapping[str, bytes], is_forced: bool) -> P
 
 
 def _share(target: Path, fresh: Path, but: set[str]) -> None:
-    """Put all of a folder into another too, `but` these paths: as links to the same files, or as
-    copies where the file system has no such links."""
+    """Put all of a folder into another one, `but` these paths: as hard links, or as copies if the
+    file system has none."""
 
     def left_out(folder: str, names: Sequence[str]) -> list[str]:
         inside = Path(folder).relative_to(target)
@@ -251,7 +251,7 @@ def _share(target: Path, fresh: Path, but: set[str]) -> None:
 
 
 def _folders(names: Iterable[str]) -> set[str]:
-    """The folders in which files are, by the paths of these."""
+    """The folders of the files with these paths."""
     return {str(folder) for name in names for folder in PurePosixPath(name).parents[:-1]}
 
 
@@ -260,7 +260,7 @@ def _listed(hashes: Mapping[str, str]) -> bytes:
 
 
 def _listing(folder: Path) -> dict[str, str]:
-    """What a folder's list says that barnax wrote, with the hash of each file."""
+    """The files that barnax wrote according to a folder's list, with the hash of each."""
     path = folder / LIST
     with suppress(OSError, ValueError):
         # A pipe would wait for its other end.
@@ -271,7 +271,7 @@ def _listing(folder: Path) -> dict[str, str]:
 
 
 def _results_in(folder: Path) -> set[str]:
-    """The results that a folder's list says barnax wrote."""
+    """The results that barnax wrote according to a folder's list."""
     listed = _listing(folder).keys()
     return (listed & {*RESULTS}) or (listed & {TABLES})
 
@@ -281,7 +281,7 @@ def _hash(content: bytes) -> str:
 
 
 def free_names(path: Path) -> Iterator[Path]:
-    """The path itself where nothing or an empty folder is, and the free names after it."""
+    """The path itself if nothing or an empty folder is there, and the free names after it."""
     for number in itertools.count(1):
         free = path if number == 1 else path.with_name(f"{path.name}-{number}")
         if not os.path.lexists(free) or (free.is_dir() and not any(free.iterdir())):
@@ -289,13 +289,13 @@ def free_names(path: Path) -> Iterator[Path]:
 
 
 def new_run(*words: str) -> str:
-    """The command that identifies into a folder that is free."""
+    """The command that identifies into a free folder."""
     out = next(free_names(Path(DEFAULT_FOLDER)))
     return shlex.join(["barnax", "identify", *words, "--out", str(out)])
 
 
 def _moved(fresh: Path, target: Path) -> Path:
-    """The first free name, where the folder now is."""
+    """The first free name, to which the folder has been moved."""
     for free in free_names(target):
         with suppress(OSError):
             # Not every system moves a folder over an empty one.
@@ -326,10 +326,10 @@ def _ours_and_theirs(folder: Path) -> tuple[set[str], set[str]]:
 
 
 def require_free_file(path: Path, is_forced: bool, read: Iterable[Path] = ()) -> None:
-    """Raise `InputError` where a file cannot go to `path`, or it is one that is read. Called before
-    any work is done."""
+    """Raise `InputError` if a file cannot go to `path`, or it is an input. Called before any work
+    is done."""
     for other in read:
-        # Names that are no files are refused elsewhere, with the reason.
+        # Names that are not files are refused elsewhere, with the reason.
         with suppress(OSError):
             if path.samefile(other):
                 raise InputError(f"{path}: this is the file to read; choose another with `out`")
@@ -337,7 +337,7 @@ def require_free_file(path: Path, is_forced: bool, read: Iterable[Path] = ()) ->
     with _described(path, another):
         target = path.resolve()
         if target.is_symlink():
-            # It leads to itself, which `resolve` does not say from Python 3.13 on.
+            # A link to itself, which `resolve` does not report from Python 3.13 on.
             target.stat()
         if target.is_dir():
             raise InputError(f"{path}: is a folder; give `out` a file in it")
@@ -349,8 +349,7 @@ def require_free_file(path: Path, is_forced: bool, read: Iterable[Path] = ()) ->
 
 
 def _writable(path: Path, target: Path, another: str) -> Path:
-    """The nearest existing folder above a path. Raises `InputError` unless one can write
-    to it."""
+    """The nearest existing folder above a path. Raises `InputError` if it is not writable."""
     existing = next(parent for parent in target.parents if parent.exists())
     if not existing.is_dir() or not os.access(existing, os.W_OK):
         raise InputError(f"{path}: {existing} cannot be written to; {another}")
@@ -358,14 +357,14 @@ def _writable(path: Path, target: Path, another: str) -> Path:
 
 
 def write_file(path: Path, content: bytes) -> None:
-    """Put `content` into the file `path`, or leave what was there."""
+    """Put `content` into the file `path`, or leave it as it was."""
     target = path.resolve()
     with _described(path, "nothing was changed; give `out` another file"):
         write_whole(target, content)
 
 
 def add_file(path: Path, content: bytes) -> None:
-    """`write_file`; in a folder of results the file is listed as one of theirs."""
+    """`write_file`; in a folder of results the file is added to its list."""
     with locked(path.resolve().parent.parent):
         write_file(path, content)
         if listed := _listing(path.parent):
@@ -374,7 +373,7 @@ def add_file(path: Path, content: bytes) -> None:
 
 
 def report_unfinished(session: Session, folder: Path) -> None:
-    """Say what killed commands left in a folder, as far as it is there."""
+    """Report what killed commands left in a folder, if it exists."""
     session.warn(
         f"{path}: left by a command that was stopped while it wrote"
         + (", with the result that it was to replace" if any(path.glob("old/*")) else "")
@@ -385,10 +384,10 @@ def report_unfinished(session: Session, folder: Path) -> None:
 
 @contextmanager
 def _described(path: Path, remedy: str) -> Iterator[None]:
-    """Turn what the system says into an `InputError` that names the path."""
+    """Turn an error of the system into an `InputError` that names the path."""
     try:
         yield
-    # Before Python 3.13 a link that leads to itself is a RuntimeError.
+    # Before Python 3.13 a link to itself is a RuntimeError.
     except (OSError, RuntimeError) as problem:
         reason = getattr(problem, "strerror", None) or problem
         raise InputError(f"{path}: cannot be used ({reason}); {remedy}") from problem

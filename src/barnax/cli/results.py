@@ -1,4 +1,4 @@
-"""Commands on a stored result: show it, its page, validate it, replay a record with it."""
+"""Commands on a stored result: show it, write its page, validate it, replay a record with it."""
 
 import json
 from collections.abc import Sequence
@@ -42,7 +42,7 @@ class ResultOnRecord:
     whole_record: bool = False
 
     def meeting(self, stored: "barnax.Result") -> "tuple[Source, Window | None]":
-        """The record's file, and its window where options change that.
+        """The record's file, and its window if options change it.
 
         Raises `InputError` for an option that is given for another record.
         """
@@ -94,7 +94,7 @@ def show(*, results: list[Path], whole: bool = False, choice: bool = False) -> N
 
 
 def _names(paths: list[Path]) -> tuple[str, ...]:
-    """Names of results: their folders, or the files where one folder holds several."""
+    """Names of results: their folders, or the files if one folder has several."""
     folders = [path if path.is_dir() else path.resolve().parent for path in paths]
     names = tuple(folder.resolve().name for folder in folders)
     return names if len({*names}) == len(names) else tuple(map(str, paths))
@@ -129,7 +129,7 @@ def validate(
         evaluation = stored.validate(record, window, **on.read)
     if as_json:
         block = MetricsBlock(identification=evaluation.metrics, validation=())
-        # Of a voltage that stays the same there is no R2: JSON says null, and has no NaN.
+        # A constant voltage has no R2: JSON has null, and no NaN.
         plain = json.loads(block.model_dump_json(by_alias=True))["identification"]
         typer.echo(json.dumps(plain, indent=1))
     document = _validation(evaluation, stored)
@@ -231,7 +231,7 @@ def report(
 
 
 def _file_of(path: Path) -> Path:
-    """The file that holds a result; a fleet's own folder."""
+    """The file of a result; a fleet's folder."""
     if not path.is_dir():
         return path
     for name in RESULTS:
@@ -245,7 +245,7 @@ def _file_of(path: Path) -> Path:
 def _document(
     path: Path, data: Sequence[Path], live: bool
 ) -> "tuple[reporting.document.Page, str]":
-    """The document of what is stored, and why figures over time are missing, if they are."""
+    """The document of a stored result, and why figures over time are missing, if they are."""
     if path.is_dir():
         from ..fleet.summary import read_fleet, summarize
 
@@ -272,7 +272,7 @@ def _document(
 
 
 def _keys(path: Path) -> set[str]:
-    """The keys of a file; what is no JSON is refused by whoever reads it as a result."""
+    """The keys of a file; anything but JSON is refused when it is read as a result."""
     try:
         return {*json.loads(path.read_text(encoding="utf-8"))}
     except (OSError, ValueError, TypeError, RecursionError):

@@ -1,4 +1,4 @@
-"""One run of a command: its console, its progress, its timings, its compiled code."""
+"""One run of a command: its console, progress, timings and compiled code."""
 
 import json
 import re
@@ -29,10 +29,10 @@ from ..errors import OPTION, InputError, as_keys, printable, reason_of
 from ..notices import Notice, sentences_of
 from ..settings import TableOptions
 
-# Options of `barnax.identify` that are no options of a command, but keys of a plan.
+# Options of `barnax.identify` that are keys of a plan rather than options of a command.
 RESEARCH = {*vars(TableOptions()), "hysteresis_fit"} - {"resistances_follow", "keep_starts"}
 
-# Without a terminal, a stage is first reported after so long.
+# Without a terminal, a stage is first reported after this time.
 PATIENCE_S = 10.0
 
 
@@ -42,7 +42,7 @@ def flag_of(name: str) -> str:
 
 
 def as_flags(text: str) -> str:
-    """A message with the options that it names in backticks as this command line spells them.
+    """A message, with the options that it names in backticks spelled as on the command line.
 
     >>> as_flags("give `initial_soc=0.9` or `current_sign='charge-positive'`")
     'give --initial-soc 0.9 or --current-sign charge-positive'
@@ -60,28 +60,28 @@ def as_flags(text: str) -> str:
 
 
 def shown(text: object) -> str:
-    """A name as a console shows it: no markup, and nothing that a terminal would obey."""
+    """A name for a console: no markup, and no control characters."""
     return escape(printable(str(text)))
 
 
 class Session:
     """The console of one command. Tables go to stdout, everything else to stderr.
 
-    A quiet command shows warnings alone.
+    A quiet command shows warnings only.
     """
 
     def __init__(self, is_quiet: bool):
         self._is_quiet = is_quiet
         self._console = Console(highlight=False, emoji=False)
         self._notes = Console(stderr=True, highlight=False, emoji=False)
-        # Of every stage so far.
+        # Of all stages so far.
         self.seconds: dict[str, float] = {}
         self._started = time.perf_counter()
 
     @contextmanager
     def watch(self, title: str, total: int = 0) -> Iterator[Callable[..., None]]:
-        """Time a stage, under a bar of `total` steps if there are any. The function it gives takes
-        the steps gained, or what `Progress.update` takes and a `remark`.
+        """Time a stage, under a bar of `total` steps if there are any. The function it yields takes
+        the steps gained, or the arguments of `Progress.update` and a `remark`.
 
         Without a terminal, a stage of more than `PATIENCE_S` is reported in a line.
         """
@@ -105,7 +105,7 @@ class Session:
                 is_over.set()
 
     def _report(self, title: str, task: Task, is_over: threading.Event) -> None:
-        """Print how far a stage is, at intervals that double, until it is over.
+        """Print the progress of a stage, at intervals that double, until it is over.
 
         It imports nothing: a thread that waits for a module can break its import in another one.
         """
@@ -119,14 +119,14 @@ class Session:
             self.note(f"{title}: {timedelta(seconds=round(elapsed_s))}{steps}")
 
     def load_jax(self) -> None:
-        """A stage in which JAX is loaded, and what identifies with it."""
+        """A stage that loads JAX and the identification."""
         with self.watch("Loading JAX"):
             prepare_jax()
             import_module("barnax.identification.pipeline")
 
     @contextmanager
     def timed(self, title: str, advance: Any = None) -> Iterator[Any]:
-        """Time a stage that shows itself in another way; `advance` is what it calls."""
+        """Time a stage that shows its progress itself; `advance` is what it calls."""
         start = time.perf_counter()
         try:
             yield advance
@@ -137,11 +137,11 @@ class Session:
         """Print tables and sentences, unless the command is quiet."""
         if not self._is_quiet:
             for block in blocks:
-                # What is to be copied stays in one line, however narrow the terminal.
+                # Text to be copied stays on one line, however narrow the terminal.
                 self._console.print(block, soft_wrap=isinstance(block, Text), crop=False)
 
     def show_document(self, document: "reporting.document.Page") -> None:
-        """Print a document, with options as the command line spells them."""
+        """Print a document, with options as on the command line."""
         self.show([reporting.terminal.to_terminal(document.with_option_names(as_flags))])
 
     def note(self, text: str) -> None:
@@ -150,8 +150,8 @@ class Session:
             self._notes.print(shown(as_flags(text)), soft_wrap=True)
 
     def warn(self, warnings: Iterable[object], notes: Iterable[object] = ()) -> None:
-        """Print notes and warnings to stderr; where the command is quiet, warnings and what was
-        assumed of a file alone."""
+        """Print notes and warnings to stderr; if the command is quiet, only warnings and
+        assumptions about a file."""
         every = [*warnings]
         minor = [one for one in every if isinstance(one, Notice) and not one.counts]
         self._list("[dim]note:[/dim]", () if self._is_quiet else notes)
@@ -173,13 +173,13 @@ class Session:
 
 
 def prepare_jax() -> None:
-    """Set up where JAX computes and what it keeps, before it is loaded."""
+    """Set the device of JAX and its cache, before it is loaded."""
     devices.keep_compiled()
     require_platform()
 
 
 def require_platform() -> None:
-    """Raise `InputError` where JAX is set to compute on a device that is missing."""
+    """Raise `InputError` if JAX is set to compute on a device that is missing."""
     platforms = devices.given_platforms()
     if set(platforms.values()) <= {"cpu", ""}:
         return
@@ -187,7 +187,7 @@ def require_platform() -> None:
 
     try:
         jax.devices()
-    # Without the plugin of a platform JAX fails an assertion of its own.
+    # Without the plugin of a platform, JAX fails an assertion.
     except (RuntimeError, AssertionError) as problem:
         named = ", ".join(f"{name}={printable(value)}" for name, value in platforms.items())
         reason = f" ({reason_of(problem)})" if str(problem) else ""

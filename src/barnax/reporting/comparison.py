@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 # With more pairs than this, only those with the leader or of one method are shown.
 ALL_PAIRS = 15
-# The plainest model, which the others are compared with.
+# The simplest model, with which the others are compared.
 BASE = "so-rc"
 
 
@@ -27,10 +27,10 @@ def comparison_document(
     illustrations: Iterable[Picture] = (),
     seconds: Mapping[str, float] | None = None,
 ) -> Page:
-    """The whole report of a comparison, ready for `to_html` and `to_markdown`.
+    """The whole report of a comparison, for `to_html` and `to_markdown`.
 
     `illustrations` come from `comparison_illustrations`; `seconds` are the times of the rows by
-    their names, which a stored comparison does not hold. Every sentence is made from the numbers.
+    their names, which a stored comparison does not have. Every sentence is made from the numbers.
     """
     facts, view = verdict_facts(result), View(cast("Result", result))
     records = facts["records"]
@@ -59,17 +59,17 @@ class RecordFindings:
 
     @property
     def ranked(self) -> list[str]:
-        """The rows, the lowest RMSE first."""
+        """The rows by increasing RMSE."""
         return sorted(self.errors, key=self.rmse_v)
 
     @property
     def leaders(self) -> list[str]:
-        """The row with the lowest RMSE, and those that found the same."""
+        """The row with the lowest RMSE, and those with the same error."""
         max_v = self.rmse_v(self.ranked[0]) * (1 + SAME_RMSE)
         return [row for row in self.ranked if self.rmse_v(row) <= max_v]
 
     def between(self, first: str, second: str) -> "Difference | None":
-        """The difference of two rows, in either order; None where they were not compared."""
+        """The difference of two rows, in either order; None if they were not compared."""
         for difference in self.differences:
             if {difference.first, difference.second} == {first, second}:
                 return difference
@@ -93,8 +93,8 @@ def on_records(result: "ComparisonResult") -> list[RecordFindings]:
 
 
 def verdict_facts(result: "ComparisonResult") -> dict[str, Any]:
-    """What the verdict is made of: the rows on each record, and the effect of each model against
-    the plainest, by the best method that ran both."""
+    """The facts of the verdict: the rows on each record, and the effect of each model relative to
+    the simplest one, by the best method that ran both."""
     records = on_records(result)
     present = list(dict.fromkeys(row.model for row in result.answered))
     plain = BASE if BASE in present or not present else present[0]
@@ -109,7 +109,7 @@ def verdict_facts(result: "ComparisonResult") -> dict[str, Any]:
 
 
 def _best_of_both(on: RecordFindings, plain: str, rich: str) -> str | None:
-    """The method with the lowest errors of both models, None where none ran both."""
+    """The method with the lowest errors of both models; None if none ran both."""
     methods = [row.removesuffix(f" {plain}") for row in on.errors if row.endswith(f" {plain}")]
     ran = [method for method in methods if f"{method} {rich}" in on.errors]
     both_v = {name: on.rmse_v(f"{name} {plain}") + on.rmse_v(f"{name} {rich}") for name in ran}
@@ -117,7 +117,7 @@ def _best_of_both(on: RecordFindings, plain: str, rich: str) -> str | None:
 
 
 def _effect(on: RecordFindings, plain: str, rich: str) -> dict[str, Any]:
-    """The effect of one model instead of another; "same" too where chance alone explains it."""
+    """The effect of one model instead of another; "same" also if chance alone explains it."""
     plain_v, change_v = on.rmse_v(plain), on.rmse_v(rich) - on.rmse_v(plain)
     tested = on.between(rich, plain)
     is_chance = tested is not None and not tested.over_time.is_real
@@ -128,8 +128,8 @@ def _effect(on: RecordFindings, plain: str, rich: str) -> dict[str, Any]:
 
 
 def shown_differences(result: "ComparisonResult", on: RecordFindings) -> "list[Difference]":
-    """The differences between rows on one record; of many pairs, those with the leader and those
-    of one method."""
+    """The differences between rows on one record; of many pairs, those with the leader and those of
+    one method."""
     if len(on.differences) <= ALL_PAIRS:
         return on.differences
     methods, leader = {row.name: row.method for row in result.rows}, on.ranked[0]

@@ -1,4 +1,5 @@
-"""A designed test in words and tables, and its promises beside what an identification reached."""
+"""A designed test in words and tables, and its promises compared with what an identification
+reached."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -22,22 +23,22 @@ if TYPE_CHECKING:
     from ..fit.table_fit import TableFit
     from ..results import Result
 
-# On measured cells, records that are identified together leave wider intervals than was promised:
-# so many times, medians of 18 pairs (benchmarks/results/design.md).
+# On measured cells, records that are identified together have intervals wider than promised by
+# these factors, medians of 18 pairs (benchmarks/results/design.md).
 TOGETHER = {"R0": 1.3, "R1": 1.1, "R2": 1.2}
-# What is printed is said where it is wider than what a design counts by more than this share.
+# An interval is mentioned if it is wider than in the design by more than this share.
 WIDER = 0.25
-# A test is said to widen what it leaves so many times as wide as it was.
+# A test is said to widen intervals that it leaves this many times as wide as before.
 WIDENED = 1.05
-# Pieces on the screen, of a longer test: its first ones and its end.
+# Pieces of a longer test on the screen: its first ones and its end.
 FIRST_PIECES, LAST_PIECES = 8, 2
-# Promised and reached intervals within this share of each other agree.
+# Promised and reached intervals agree within this share.
 AGREES = 0.25
 
 
 def planned_screen(prior: "Prior", chosen: Sequence[str] = ()) -> Page:
-    """The assumptions that a test is planned on: the capacity, the SOC that it stays in, the
-    largest currents that are not among the options `chosen`, and records that do not count."""
+    """The assumptions of a planned test: the capacity, its range of SOC, the largest currents that
+    are not among the options `chosen`, and records that do not count."""
     is_usual = prior.rates_c == type(prior).rates_c
     least_soc = {"known": LOW_SOC, "unknown": UNKNOWN_LOW_SOC}
     return screen([Entries(sentences("design.plan", prior, chosen, is_usual, least_soc))])
@@ -45,7 +46,7 @@ def planned_screen(prior: "Prior", chosen: Sequence[str] = ()) -> Page:
 
 def design_screen(design: "Design") -> Page:
     """The test's hours and predicted intervals, its pieces, and the steps to take before it; or
-    that none is needed, as the earlier records already identify what is wanted."""
+    that none is needed, because the earlier records already identify what is wanted."""
     facts = _facts(design)
     lines = Entries(sentences("design.screen", design, facts))
     if not design.is_needed:
@@ -55,7 +56,7 @@ def design_screen(design: "Design") -> Page:
 
 
 def _facts(design: "Design") -> dict[str, Any]:
-    """What the sentences about a test are made of."""
+    """The facts behind the sentences about a test."""
     names = dict.fromkeys([*design.wanted, *design.already, *design.printed])
     halves = {name: [width.before for width in design.of_table(name)] for name in names}
     before = {name: [half for half in of if half is not None] for name, of in halves.items()}
@@ -69,7 +70,7 @@ def _facts(design: "Design") -> dict[str, Any]:
 
 def _shortfall(design: "Design", after: dict[str, list[float]]) -> dict[str, Any]:
     """The intervals that stay wider than wanted, and those that a drive cycle leaves narrower, by
-    what falls short: the median, or the widest."""
+    the statistic that falls short: the median, or the largest."""
 
     def is_wide(name: str, half: Any) -> bool:
         return not is_enough(name, float(half), design.wanted[name])
@@ -108,7 +109,7 @@ def _pieces(design: "Design") -> Iterator[dict[str, Any]]:
 
 
 def promised_screen(design: "Design", result: "Result") -> Page:
-    """The promises of a design beside what an identification reached."""
+    """The promises of a design compared with what an identification reached."""
     if result.over is None:
         return screen([Entries(sentences("design.kept", True, []))])
     is_alone = len(result.of_role("identification")) == 1
@@ -118,8 +119,8 @@ def promised_screen(design: "Design", result: "Result") -> Page:
 
 
 def _differences(design: "Design", result: "Result") -> Iterator[str]:
-    """What the fit has otherwise than the promise took it: time constants, resistances, what
-    these follow, and the error."""
+    """Differences between the fit and the assumptions of the promise: time constants, resistances,
+    their dependence, and the error."""
     fit, rmse_v, taken_v = result.fit, result.metrics.identification.rmse_v, design.error.rmse_v
     bounds = {bound.name: f", at the {bound.side} bound of its search" for bound in fit.at_bound}
     for width in design.widths:
@@ -147,7 +148,7 @@ def _is_other(fitted: float, taken: float) -> bool:
 
 
 def _promises(design: "Design", fit: "TableFit", is_alone: bool) -> dict[str, dict[str, Any]]:
-    """The halves that were promised and reached of every table, at its nodes that have both."""
+    """The promised and reached half-widths of every table, at its nodes that have both."""
     promises = {}
     for name in [wanted for wanted in design.wanted if wanted != DRIVE]:
         widths = design.of_table(name)
@@ -166,8 +167,8 @@ def _promises(design: "Design", fit: "TableFit", is_alone: bool) -> dict[str, di
 
 
 def reached_half(fit: "TableFit", width: "Width") -> float | None:
-    """Half the interval that a fit has where a width was promised, in its measure, were its noise
-    known as well as the promise takes it; one value stands for every SOC."""
+    """The half-width of a fit's interval, in the measure of the promise and with its noise; one
+    value for every SOC."""
     nodes = () if fit.is_over_soc or not is_resistance(width.name) else fit.tables.nodes
     for node in fit.intervals:
         if node.name == width.name and node.soc in (width.soc, *nodes):

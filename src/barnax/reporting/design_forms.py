@@ -1,4 +1,4 @@
-"""A designed test in the forms that cyclers and PyBaMM take."""
+"""A designed test in the formats of cyclers and PyBaMM."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -14,7 +14,7 @@ from .wording import rendered, wording
 if TYPE_CHECKING:
     from ..experiment import Design, Step
 
-# The one step that may reach the lowest voltage, which ends it.
+# The only step that may reach the lowest voltage, which ends it.
 EMPTYING = "to empty"
 # A step below this current is a rest.
 REST_A = 1e-9
@@ -23,7 +23,7 @@ LONGEST_LINE = 8
 
 
 def design_files(design: "Design") -> dict[str, bytes]:
-    """The test in all its forms, by the names of their files; none where no test is needed."""
+    """The test in all formats, by file name; none if no test is needed."""
     if not design.is_needed:
         return {}
     texts = {
@@ -36,13 +36,13 @@ def design_files(design: "Design") -> dict[str, bytes]:
 
 
 def longest(step: "Step") -> "Step":
-    """The step as long as it may last: the discharge to empty must end at the voltage, not before,
-    and the cell may hold more than is believed."""
+    """The step with its longest duration: the discharge to empty has to end at the voltage, and the
+    capacity may be larger than assumed."""
     return replace(step, duration_s=2 * step.duration_s) if step.block == EMPTYING else step
 
 
 def steps_csv(design: "Design") -> str:
-    """Every step in a row, as a cycler's editor has it."""
+    """Every step in a row, as in a cycler's editor."""
     limits, soc = design.limits, design.initial_soc
     rows = []
     for number, step in enumerate(design.steps, 1):
@@ -61,14 +61,14 @@ def steps_csv(design: "Design") -> str:
 
 
 def profile_csv(design: "Design") -> str:
-    """The current of every second, for cyclers that run a profile (discharge positive)."""
+    """The current at every second, for cyclers that run a profile (discharge positive)."""
     current_a = sampled([*map(longest, design.steps)])
     rows = ([second, _ampere(current)] for second, current in enumerate(current_a.tolist()))
     return csv_text(("Time / s", "Current / A"), rows)
 
 
 def _ampere(current_a: float) -> str:
-    """Five digits of a current, however small the cell is."""
+    """A current with five digits, however small the cell."""
     return np.format_float_positional(current_a + 0.0, 5, fractional=False, trim="-")
 
 
@@ -79,7 +79,7 @@ def _mode(step: "Step") -> str:
 
 
 def pybamm_steps(design: "Design") -> list[str]:
-    """Every step as PyBaMM's `Experiment` takes it."""
+    """Every step for PyBaMM's `Experiment`."""
     limits = {"discharge": design.limits.low_v, "charge": design.limits.high_v}
     steps = []
     for step in design.steps:
@@ -102,8 +102,8 @@ def pybamm_script(design: "Design") -> str:
 
 
 def procedure(design: "Design") -> str:
-    """The test in lines that are typed into a cycler's editor; what has many steps is run from a
-    profile."""
+    """The test in lines that are typed into a cycler's editor; pieces with many steps are run from
+    a profile."""
     pieces, second, row = [], 0, 1
     for name, piece in design.pieces:
         steps, end_s = [*_merged(piece)], second + round(3600 * hours_of([*map(longest, piece)]))
@@ -118,7 +118,7 @@ def procedure(design: "Design") -> str:
 
 
 def _merged(steps: "Sequence[Step]") -> "Iterator[Step]":
-    """The steps, neighboring rests as one."""
+    """The steps, with neighboring rests merged."""
     for mode, group in groupby(steps, _mode):
         alike = list(group)
         if mode == "rest":

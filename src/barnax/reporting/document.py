@@ -1,4 +1,4 @@
-"""A report before it is HTML or Markdown, and the tables that several reports have."""
+"""A report before it is HTML or Markdown, and tables common to several reports."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
@@ -23,7 +23,7 @@ class Paragraph:
 
 @dataclass(frozen=True)
 class Bullets:
-    """Sentences one below the other; warnings are set apart."""
+    """Sentences one below the other; warnings are marked."""
 
     items: tuple[str, ...]
     are_warnings: bool = False
@@ -31,14 +31,14 @@ class Bullets:
 
 @dataclass(frozen=True)
 class Entries:
-    """Sentences that begin with a head and a colon, each beside its head."""
+    """Sentences that begin with a head and a colon, each next to its head."""
 
     items: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class Head:
-    """A column's head, its unit where it has one, and whether it holds numbers."""
+    """A column's head, its unit if it has one, and whether it contains numbers."""
 
     name: str
     unit: str = ""
@@ -59,10 +59,10 @@ def column(head: str, role: Role) -> Head:
 class ReportTable:
     """Rows under columns.
 
-    `best` are the cells (row, column) to be read first, `joined` the columns that stay beside the
-    one before them; a terminal shows what `is_bare` without a line below the heads.
+    `best` are the cells (row, column) to be emphasized, `joined` the columns that stay next to the
+    previous one; with `is_bare` a terminal shows no line below the heads.
 
-    Raises `ValueError` where a row has not a cell for every column.
+    Raises `ValueError` if a row does not have a cell for every column.
     """
 
     caption: str
@@ -79,8 +79,8 @@ class ReportTable:
 
 
 def parameter_heads(circuits: Mapping[str, Mapping[str, float]]) -> list[str]:
-    """The heads of all parameters of circuits: R0, R1, C1, tau1, R2, ...: pair by pair, what has no
-    pair last."""
+    """The heads of all parameters of circuits: R0, R1, C1, tau1, R2, ...: pair by pair, then those
+    without a pair."""
 
     def order(head: str) -> tuple[str, int]:
         symbol = head.split()[0]
@@ -94,7 +94,7 @@ def parameter_heads(circuits: Mapping[str, Mapping[str, float]]) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A figure, drawn when it is first asked for, with what a page and a file need of it.
+    """A figure, drawn on first use, with what a page and a file need of it.
 
     Each form is drawn once.
 
@@ -131,12 +131,12 @@ class Picture:
 
     @property
     def suffix(self) -> str:
-        """That of the smaller form's file."""
+        """The suffix of the smaller form's file."""
         return ".png" if self.is_dense else ".svg"
 
     @cached_property
     def content(self) -> bytes:
-        """The smaller form; PNG with 256 colors, a third of the bytes."""
+        """The smaller form; PNG with 256 colors has a third of the bytes."""
         if not self.is_dense:
             return self.svg
         from ..plots import with_few_colors
@@ -145,7 +145,7 @@ class Picture:
 
 
 def _encoded(figure: "Figure", kind: Literal["png", "svg"]) -> bytes:
-    # It loads matplotlib, which a check of files does without.
+    # Loads matplotlib, which a check of files does not need.
     from ..plots import encode
 
     return encode(figure, kind, PICTURE_DPI)
@@ -164,14 +164,14 @@ class Section:
 
 @dataclass(frozen=True)
 class Page:
-    """A whole report; `summary` stands above its sections where none of them is a verdict."""
+    """A whole report; `summary` precedes its sections if none of them is a verdict."""
 
     title: str
     summary: str
     sections: tuple[Section, ...]
 
     def with_option_names(self, named: Callable[[str], str]) -> "Page":
-        """The same document with every text of it as `named` has it, which names its options."""
+        """The document with all its texts as `named` renders them, which spells the options."""
         return _renamed(self, named)
 
     @property
@@ -182,7 +182,7 @@ class Page:
 
 
 def screen(*groups: Iterable[Block]) -> Page:
-    """Groups of blocks without titles, which a terminal indents, a blank line before each."""
+    """Groups of blocks without titles, which a terminal indents, each after a blank line."""
     return Page("", "", tuple(Section("", tuple(blocks)) for blocks in groups))
 
 

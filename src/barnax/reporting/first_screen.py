@@ -1,4 +1,4 @@
-"""The first screen: the answer, its errors, how far to believe it, and the next step."""
+"""The first screen: the answer, its errors, its reliability, and the next step."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -24,21 +24,21 @@ if TYPE_CHECKING:
 
 
 def first_screen(result: "Result") -> Page:
-    """The answer's errors and parameters, how far to believe it, and the assumptions behind it."""
+    """The answer's errors and parameters, its reliability, and the assumptions behind it."""
     return document("screen", view=View(result), middle_facts=middle_facts(result))
 
 
-# What was not used is predicted badly where its error exceeds this multiple of the fit's, and this
-# size; and as well as can be where it is under that: no table left open matters then.
+# Unseen data are predicted badly if the error exceeds this multiple of the fit's, and this size;
+# and as well as possible below the last value: undetermined tables do not matter then.
 LOST, LOST_V, SMALL_V = 2.0, 0.01, 0.002
-# A table needs a test where less than `FEW` of its nodes have a relative error under `WIDE`.
+# A table needs a test if less than `FEW` of its nodes have a relative error below `WIDE`.
 WIDE, FEW = 0.5, 1 / 3
 
 
 @dataclass(frozen=True)
 class Next:
-    """The next step: a command on this result, or another run, with options, or with a record to
-    identify on `also`."""
+    """The next step: a command on this result, or another run with options, or with a further
+    record to identify on (`also`)."""
 
     advice: str
     options: Mapping[str, str] = field(default_factory=dict)
@@ -49,18 +49,15 @@ class Next:
 def next_step(result: "Result") -> Next:
     """The most useful next step.
 
-    First what is plainly amiss: an OCV that misses its points, a circuit that cannot be the cell's,
-    records that are not suitable, an OCV test that disagrees with them, records at other
-    temperatures that are left over.
-    Then the error on what was not used decides (`Unseen`):
+    First obvious problems: an OCV that misses its points, a circuit that cannot be the cell's,
+    unsuitable records, an OCV test that disagrees with them, unused records at other temperatures.
+    Then the error on unseen data decides (`Unseen`): more data if it is over `LOST` times the error
+    of the fit, and over `LOST_V`; another validation record if it is unknown; constants if they are
+    better on every validation record; a test if it is over `SMALL_V` and a resistance is
+    undetermined at most nodes. Otherwise the circuit is good enough: export it to a format that
+    represents its hysteresis.
 
-    - over `LOST` times the error on what was fitted, and over `LOST_V`: more data;
-    - known of no other record: validate on one;
-    - larger than that of constants on every record validated on: those;
-    - over `SMALL_V`, and a resistance is left open at most nodes: a test that identifies it;
-    - else the circuit serves: export it to a format that holds its hysteresis.
-
-    For a constant circuit there is more to try in place of the last two.
+    For a constant circuit there are other options instead of the last two.
     """
     view = View(result)
     missed_v = _missed_by_the_polynomial_v(result.cell)
@@ -106,11 +103,11 @@ def next_step(result: "Result") -> Next:
 
 
 class Unseen(NamedTuple):
-    """What was not used: the worst record to validate on, else what was left out of the fit.
+    """Unseen data: the worst validation record, else what was held out of the fit.
 
-    `error_v` is its error, `fitted_v` that on what was fitted: both above 10 % SOC, for no circuit
-    follows a discharge to its end, or both of all samples, with the start of the record moved to
-    where that is less or where the other is not known. `where` says which.
+    `error_v` is its error, `fitted_v` that of the fit: both above 10 % SOC, because no circuit
+    follows a discharge to its end, or both on all samples, with the start of the record adjusted,
+    if that error is smaller or the other is unknown. `where` says which.
     """
 
     error_v: float
@@ -120,7 +117,7 @@ class Unseen(NamedTuple):
 
     @classmethod
     def of(cls, view: View) -> "Unseen | None":
-        """None where there is neither."""
+        """None if there are none."""
 
         def least(name: str, above_v: float | None, all_v: float, how: str = "") -> Unseen:
             whole = cls(all_v, view.errors.rmse_v, name, how)
@@ -144,14 +141,14 @@ class Unseen(NamedTuple):
 
 
 def _export(circuit: Circuit) -> tuple[str, str]:
-    """A format that holds a circuit's hysteresis, in words and as `export` calls it."""
+    """A format that represents a circuit's hysteresis, in words and by its name in `export`."""
     if circuit.hysteresis.kind == "loops":
         return "as a filter in C", "c-filter"
     return ("as CSV", "csv") if circuit.has_hysteresis else ("to PyBaMM", "pybamm")
 
 
 def _wide(view: View) -> str:
-    """A table that the data leave open nearly everywhere; empty where there is none."""
+    """A table that is undetermined nearly everywhere; empty if there is none."""
     if view.result.over in (None, OVER_TEMPERATURE):
         return ""
     for name in view.result.fit.tables.resistances:

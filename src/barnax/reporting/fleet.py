@@ -1,4 +1,4 @@
-"""Many cells in words: a fleet's progress, last lines and report, and the cells of a pack."""
+"""Many cells in words: a fleet's progress, final lines and report, and the cells of a pack."""
 
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -50,12 +50,12 @@ def fleet_document(summary: "Summary", illustrations: Sequence[Picture] = ()) ->
     return document("fleet_page", illustrations, **facts)
 
 
-# With more cells than this, the screen shows only those that stand out.
+# With more cells than this, the screen only shows those that stand out.
 MOST_SHOWN = 24
 
 
 def pack_document(pack: "Pack") -> Page:
-    """The pack as the screen shows it."""
+    """The pack as on the screen."""
     from ..pack import FEWEST
 
     odd, cells = gathered((outlier.cell, outlier) for outlier in pack.odd), pack.fit.cells
@@ -66,6 +66,6 @@ def pack_document(pack: "Pack") -> Page:
 
 
 def cells_csv(pack: "Pack") -> str:
-    """A row for each cell."""
+    """One row per cell."""
     rows = pack.rows()
     return csv_text(list(rows[0]), (list(row.values()) for row in rows))

@@ -26,8 +26,8 @@ def identification_document(
 ) -> Page:
     """The whole report of an identification, ready for HTML, Markdown or a terminal.
 
-    `illustrations` come from `identification_illustrations`; `summary_only` leaves it at the
-    parameters, the verdict and the errors.
+    `illustrations` come from `identification_illustrations`; with `summary_only` it has the
+    parameters, the verdict and the errors only.
     """
     constant = result.constant
     boxes = search_boxes({constant.model: constant})
@@ -36,7 +36,7 @@ def identification_document(
 
 
 def search_boxes(searched: "Mapping[str, ConstantPart | ModelPart]") -> list[tuple[Any, ...]]:
-    """Every search box: the names of each range, the values that are held, and its models."""
+    """Every search box: the names of each range, the fixed values, and its models."""
     alike = gathered(
         ((tuple(box.bounds.items()), tuple(box.fixed.items())), model)
         for model, box in searched.items()
@@ -48,7 +48,7 @@ def search_boxes(searched: "Mapping[str, ConstantPart | ModelPart]") -> list[tup
 
 
 class Report(str):
-    """The text of a report, which a notebook shows as the page that it is."""
+    """The text of a report, which a notebook shows as the HTML page."""
 
     __slots__ = ()
 

@@ -1,4 +1,4 @@
-"""The figures of a report: which there are, of what, and with which words."""
+"""The figures of a report: which there are, their subjects, and their words."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -23,18 +23,18 @@ if TYPE_CHECKING:
     from ..results import Result
     from ..search.evaluate import Evaluation
 
-# Those of few points, whose smaller form is SVG.
+# Those with few points, whose smaller form is SVG.
 SPARSE: Final = (
     *(plots.plot_ocv, plots.plot_tables, plots.plot_over_temperature),
     *(plots.plot_pulse_resistances, plot_distributions),
 )
-# Those that are written beside a result where no report is: to draw all takes longer than the
+# Those that are written with a result even without a report: drawing all takes longer than the
 # search. The first record's voltage and error, and the tables, are in the summary.
 MAIN: Final = (
     *(plots.plot_summary, plots.plot_soc_replay, plots.plot_over_temperature),
     *(plots.plot_pulses, plots.plot_pulse_resistances),
 )
-# Pulses of a rate that show how its resistances go over the state of charge.
+# This many pulses at one rate show how its resistances change over the state of charge.
 FEWEST_OVER_SOC = 3
 
 
@@ -44,14 +44,14 @@ Drawn = list[Picture]
 def illustrate(
     name: str, subject: object, draw: "Callable[..., Figure]", *given: object
 ) -> Picture:
-    """The figure that a function of `plots` draws, with its words in `figures.txt` of a subject."""
+    """The figure that a function of `plots` draws, with its words from `figures.txt`."""
     caption, alt = sentences(f"figures.{draw.__name__}", subject)
     kind = draw not in SPARSE, draw in MAIN
     return Picture(name, partial(draw, *given), caption, alt, *kind)
 
 
 def record_roles(identified: int, validated: int) -> list[str]:
-    """Names of each record's files: those identified on, then those for validation.
+    """Names of each record's files: identification, then validation.
 
     >>> record_roles(1, 2)
     ['identification', 'validation-1', 'validation-2']
@@ -61,10 +61,10 @@ def record_roles(identified: int, validated: int) -> list[str]:
 
 
 def identification_illustrations(result: "Result", *, live: bool = False) -> Drawn:
-    """The figures of an identification, each drawn when it is asked for.
+    """The figures of an identification, each drawn on first use.
 
-    Where `live`, a record's voltage has an interactive form. Raises `InputError` for a result that
-    was read from a file and whose records are not found.
+    With `live`, a record's voltage has an interactive form. Raises `InputError` for a stored result
+    whose records are not found.
     """
     identified = result.evaluations.identification
     evaluations = [*identified, *result.evaluations.validation]
@@ -81,7 +81,7 @@ def identification_illustrations(result: "Result", *, live: bool = False) -> Dra
 def figure_of(result: "Result", name: str) -> "Figure":
     """One figure of a result by its name, or the end of its name.
 
-    Raises `InputError` where there is none of that name.
+    Raises `InputError` if there is none.
     """
     drawn = {each.name: each for each in identification_illustrations(result)}
     titles = [title for title in drawn if title == name or title.rpartition("-")[2] == name]
@@ -97,9 +97,9 @@ def stored_illustrations(result: "Result") -> Drawn:
 
 
 def comparison_illustrations(result: "ComparisonResult", *, live: bool = False) -> Drawn:
-    """Every figure of a comparison; one that is stored holds no records, and has none over time.
+    """Every figure of a comparison; a stored one has no records, and no figures over time.
 
-    Where `live`, the voltages of a record have an interactive form.
+    With `live`, the voltages of a record have an interactive form.
     """
     drawn = [illustrate("ocv", result.cell.ocv_is_fitted, plots.plot_ocv, result.cell)]
     evaluations = {row.name: row.evaluations for row in result.answered if row.evaluations}
@@ -111,8 +111,8 @@ def comparison_illustrations(result: "ComparisonResult", *, live: bool = False) 
 
 
 def _of_record(role: str, drawn: "Evaluation | Mapping[str, Evaluation]", live_of: int) -> Drawn:
-    """The figures of a record, of one circuit or of many rows; its voltage has an interactive form
-    where it is one of `live_of` that have."""
+    """The figures of a record, for one circuit or for many rows; its voltage has an interactive
+    form if it is in `live_of`."""
     rows, ending = (drawn, "s") if isinstance(drawn, Mapping) else ({ALONE: drawn}, "")
     record = next(iter(rows.values())).prepared.record.name
 
@@ -122,7 +122,7 @@ def _of_record(role: str, drawn: "Evaluation | Mapping[str, Evaluation]", live_o
 
     voltage = illustrate(f"{role}-voltage{ending}", record, plots.plot_voltage, drawn)
     error = illustrate(f"{role}-error{ending}", record, plots.plot_error, drawn)
-    # Of many rows there is no summary.
+    # There is no summary for many rows.
     is_main = isinstance(drawn, Mapping)
     voltage = replace(voltage, live=live if live_of else None, is_main=is_main)
     return [voltage, replace(error, is_main=is_main)]
@@ -133,12 +133,12 @@ def _of_ocv(result: "Result") -> Picture:
 
 
 def _of_tables(result: "Result") -> Drawn:
-    """The tables over SOC, beside the constant circuit; none where that is the answer."""
+    """The tables over SOC, compared with the constant circuit; none if that is the answer."""
     if result.over is None:
         return []
     fits, degc = result.fits, result.fits.reference_degc
     where = "" if degc is None else f" at {degc:.3g} degC"
-    # One value at every SOC is that of the constant circuit.
+    # A single value at every SOC is that of the constant circuit.
     beside = result.constant.parameters if fits.reference.is_over_soc else None
     tables = illustrate("tables", where, plots.plot_tables, fits.reference, beside)
     if degc is None:
@@ -147,8 +147,8 @@ def _of_tables(result: "Result") -> Drawn:
 
 
 def _of_pulses(role: str, evaluation: "Evaluation") -> Drawn:
-    """The pulses of a test, and those of rates that were tried at several states of charge: those
-    of a drive cycle, each of a rate of its own, show nothing over it."""
+    """The pulses of a test, and their resistances for rates that occur at several states of charge;
+    those of a drive cycle each have their own rate, and show nothing over SOC."""
     prepared, drawn = evaluation.prepared, []
     pulses, record = pulses_of(prepared), prepared.record.name
     if pulses:

@@ -1,4 +1,5 @@
-"""A fleet's ageing in words: the screen, the page of the fleet, that of a cell, and the tables."""
+"""A fleet's ageing in words: the screen, the page of the fleet, the page of a cell, and the
+tables."""
 
 import json
 from collections import Counter
@@ -52,7 +53,7 @@ def cell_document(life: "Life", cell: str, drawn: Sequence[Picture]) -> Page:
 
 
 def life_json(life: "Life") -> str:
-    """Everything but the models, as JSON; what is not determined is null."""
+    """Everything but the models, as JSON; null if not determined."""
     contents = {
         "age unit": life.unit,
         "cell years": life.exposure,
@@ -73,7 +74,7 @@ def life_json(life: "Life") -> str:
 
 
 def life_frame(life: "Life") -> pl.DataFrame:
-    """A row for each quantity of each record: estimate and trend, with intervals."""
+    """One row per quantity of each record: estimate and trend, with intervals."""
     numbers = ("estimate", "estimate low", "estimate high", "trend", "trend low", "trend high")
     schema: dict[str, Any] = {"cell": pl.String, "quantity": pl.String}
     schema |= dict.fromkeys((f"age [{life.unit}]", *numbers), pl.Float64)
@@ -116,12 +117,13 @@ def _is_judged(life: "Life") -> bool:
 
 
 def _causes(life: "Life") -> list[tuple[str, int]]:
-    """Errors of rows that failed and how many rows, the most common first."""
+    """Errors of failed rows with the number of rows, the most common first."""
     return Counter(error for _, error in life.failed).most_common()
 
 
 def _last(life: "Life", quantity: str, cell: str) -> tuple[float, float] | None:
-    """The trend at the last record that determines it, and half its interval, as displayed."""
+    """The trend at the last record that determines it, and the half-width of its interval, as
+    displayed."""
     (trend,) = life.of(quantity, cell)
     if not trend.estimates:
         return None
@@ -130,5 +132,5 @@ def _last(life: "Life", quantity: str, cell: str) -> tuple[float, float] | None:
 
 
 def _shown(quantity: str) -> tuple[str, float]:
-    """A quantity's name with the unit it is shown in, and the factor to that."""
+    """A quantity's name with the displayed unit, and the factor to that."""
     return (quantity, 1.0) if "[A.h]" in quantity else (quantity.replace(" [", " [m"), 1e3)

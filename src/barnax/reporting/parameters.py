@@ -30,8 +30,8 @@ if TYPE_CHECKING:
     from ..fit.table_fit import TableFit
     from ..fit.temperature_fits import TableFits
 
-# A parameter's name, the SOC that it is at, or of a mean over, and of a pair that not every result
-# has the circuit that it is of.
+# A parameter's name, its SOC or the range of SOC of a mean, and the circuit of a pair that not
+# every result has.
 Key = tuple[str, str, str]
 OF_PAIRS = re.compile(r"(mean )?(R|C|tau)[1-9]")
 TABLE_HEADS = ("temperature [degC]", "table", "SOC", "value", "low", "high", "visited")
@@ -42,8 +42,8 @@ TOO_WIDE = 2.0
 
 
 def tables_csv(fits: "TableFits") -> bytes:
-    """Every node of every table in a row, with its interval where one was computed, then constants
-    and means; the tables of each temperature after the other where there are several."""
+    """Every node of every table in a row, with its interval if one was computed, then constants and
+    means; if there are several temperatures, one after another."""
     rows = [
         (degc, fact.label, fact.soc, fact.value, fact.low, fact.high, int(fact.is_visited))
         for degc, fit in fits.by_degc
@@ -54,7 +54,7 @@ def tables_csv(fits: "TableFits") -> bytes:
 
 
 def _facts(fit: "TableFit") -> Iterator[Fact]:
-    """Every number once: the mean of what has one value is that value."""
+    """Every number once: the mean of a constant is its value."""
     return (fact for fact in fit.facts if fit.is_over_soc or not fact.is_mean)
 
 
@@ -75,9 +75,8 @@ def parameters_frame(result: Result) -> "polars.DataFrame":
 
 
 def _node_rows(fit: "TableFit") -> Iterable[dict[str, Any]]:
-    """Every node of the resistances, and of an OCV of the records' own: its SOC, whether samples
-    visit it, and every value with its interval; at nodes of the OCV alone, resistances are what
-    the lines between theirs are there."""
+    """Every node of the resistances, and of a fitted OCV: its SOC, whether samples visit it, and
+    every value with its interval; at nodes of the OCV only, resistances are interpolated."""
     rows: dict[float, dict[str, Any]] = {}
     everywhere: dict[str, Any] = {}
     for fact in _facts(fit):
@@ -96,14 +95,14 @@ def _node_rows(fit: "TableFit") -> Iterable[dict[str, Any]]:
 
 
 def _compared(fit: "TableFit", mean_soc: tuple[float, float] | None) -> Iterator[Fact]:
-    """Means over a range of SOC, tables at a few states of charge between visited nodes, and
+    """Means over a range of SOC, tables at several states of charge between visited nodes, and
     constants."""
     facts = [*_facts(fit)]
     yield from (_mean_over(fit, fact, mean_soc) for fact in facts if fact.is_mean)
     for name in fit.tables.tables if fit.is_over_soc else ():
         soc, rows = _lines(fit, name)
         if name == OCV_CORRECTION or np.all(np.isnan(rows[1:])):
-            # A correction belongs to one result's OCV; another result has another.
+            # A correction refers to the OCV of its result, and cannot be compared.
             continue
         for at in COMPARED_SOC:
             if soc[0] <= at <= soc[-1]:
@@ -114,8 +113,8 @@ def _compared(fit: "TableFit", mean_soc: tuple[float, float] | None) -> Iterator
 
 
 def _lines(fit: "TableFit", name: str) -> tuple[np.ndarray, np.ndarray]:
-    """The SOC of a table's assessed nodes, and rows of their values, lower and upper ends; NaN is
-    not determined, and so is what lies beside it."""
+    """The SOC of a table's assessed nodes, and rows of their values, lower and upper ends; NaN if
+    not determined, and in between such nodes."""
     facts = (fact for fact in fit.facts if fact.name == name and fact.soc is not None)
     nodes = [(node.soc, node.value, node.low, node.high) for node in facts if node.is_assessed]
     soc, *rows = np.array(nodes, float).reshape(-1, 4).T
@@ -129,7 +128,7 @@ def _ends(numbers: Iterable[Any]) -> list[Any]:
 
 def _mean_over(fit: "TableFit", mean: Fact, within: tuple[float, float] | None) -> Fact:
     """A mean over part of its SOC. Its interval can only be too wide: it is the narrower one of
-    nodes with one common error, and of the mean over all less these of the rest."""
+    nodes with a common error, and of the mean over all minus these of the rest."""
     if within is None or fit.mean_soc is None or within == fit.mean_soc:
         return mean
     length, whole = np.ptp(within), np.ptp(fit.mean_soc)
@@ -143,8 +142,8 @@ def _mean_over(fit: "TableFit", mean: Fact, within: tuple[float, float] | None) 
 
 
 def _integral(fit: "TableFit", mean: str, within: tuple[float, float]) -> np.ndarray:
-    """Integrals over SOC of what a mean is of: of its values, and of both ends of its nodes, of
-    which none is below zero."""
+    """Integrals over SOC for a mean: of its values, and of both ends of its nodes, none of them
+    below zero."""
     total = np.zeros(3)
     for name in parts_of(mean):
         soc, (values, low, high) = _lines(fit, name)
@@ -155,15 +154,15 @@ def _integral(fit: "TableFit", mean: str, within: tuple[float, float]) -> np.nda
 
 
 def _key(fact: Fact, result: Result, mean_soc: tuple[float, float] | None, are_apart: bool) -> Key:
-    """What has to be alike of two numbers that are compared: a mean over other SOC is another, and
-    so is a pair of a circuit with other pairs."""
+    """The properties that two compared numbers have to share: the SOC range of a mean, and the
+    circuit of a pair."""
     where = soc_extent(mean_soc) if fact.is_mean else percent(fact.soc)
     of = result.model if are_apart and OF_PAIRS.match(fact.label) else ""
     return fact.label, where, of
 
 
 def _title(fact: Fact) -> str:
-    """The symbol of a number, and its SOC where it has one."""
+    """The symbol of a number, and its SOC if it has one."""
     return symbol(fact.label) + ("" if fact.soc is None else f" at {percent(fact.soc)} SOC")
 
 
@@ -275,7 +274,7 @@ def show(*results: Result | str | Path, names: tuple[str, ...] = ()) -> SideBySi
 def _common(
     ranges: list[tuple[float, float] | None],
 ) -> list[tuple[float, float] | None]:
-    """The SOC that means of each result are over: what all of them visit, where there is any."""
+    """The SOC range of each result's means: the range that all of them visit, if there is one."""
     given = [soc for soc in ranges if soc is not None]
     if len(given) < len(ranges):
         return ranges
@@ -284,8 +283,8 @@ def _common(
 
 
 def _by_symbol(changes: Mapping[str, Iterable[Fact]]) -> Mapping[str, list[str]]:
-    """All states of charge of each parameter whose intervals are too wide to tell, in percent; one
-    that has none is empty."""
+    """All states of charge of each parameter whose intervals are too wide to tell, in percent;
+    empty for one without any."""
     return gathered(
         (symbol(fact.label), "" if fact.soc is None else f"{100 * fact.soc:g}")
         for fact in changes.get("too wide to tell", ())

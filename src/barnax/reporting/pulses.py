@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 HEADS = tuple(f"{time_s:g} s" if time_s else "at once" for time_s in STANDARD_S)
 MIDDLE_SOC = 0.5
-# Pulses on either side of it are no further apart.
+# Pulses on either side of the middle are no further apart.
 NEAR_SOC = 0.4
 
 
@@ -32,8 +32,8 @@ class Level(NamedTuple):
         return _times(self.pulses)
 
     def middle_ohm(self, index: int) -> float | None:
-        """The resistance in the middle of SOC, between pulses linearly; None where no pulse is
-        long enough or none is near."""
+        """The resistance in the middle of SOC, interpolated between pulses; None if no pulse is
+        long enough or near enough."""
         points = [
             (pulse.soc, ohm)
             for pulse in self.pulses
@@ -53,22 +53,22 @@ def _times(pulses: Sequence[Pulse]) -> list[int]:
 
 
 def pulse_facts(result: "Result") -> tuple[Any, ...]:
-    """What the section on the pulses of a test is made of."""
+    """The facts for the section on the pulses of a test."""
     return _levels(result), *_heads(result)
 
 
 def middle_facts(result: "Result") -> tuple[Any, ...] | None:
-    """The resistances in the middle of SOC of each direction, rate and temperature; None if no
+    """The resistances in the middle of SOC for each direction, rate and temperature; None if no
     pulses give any."""
     times = _times(result.pulses)
     rows = [(level.label, [*map(level.middle_ohm, times)]) for level in _levels(result)]
-    # Such as of a drive cycle's last pulses.
+    # For example those of a drive cycle's last pulses.
     rows = [row for row in rows if any(ohm is not None for ohm in row[1])]
     return (rows, times, MIDDLE_SOC, *_heads(result)) if rows else None
 
 
 def _levels(result: "Result") -> list[Level]:
-    """The pulses by direction and rate, and by temperature where there are several."""
+    """The pulses by direction and rate, and by temperature if there are several."""
     groups: list[list[Pulse]] = []
     for pulse in sorted(result.pulses, key=_degc):
         if not groups or _degc(pulse) - _degc(groups[-1][-1]) > SAME_DEGC:
@@ -88,14 +88,14 @@ def _degc(pulse: Pulse) -> float:
 
 
 def _heads(result: "Result") -> tuple[Any, ...]:
-    """The heads of resistances, their unit, milliohm, but of a small cell ohm, and its scale."""
+    """The heads of resistances, their unit (milliohm, or ohm for a small cell), and its scale."""
     ohms = [ohm for pulse in result.pulses for ohm in pulse.resistance_ohm if ohm is not None]
     is_small = bool(ohms) and np.median(ohms) >= 1
     return HEADS, *(("Ohm", 1.0) if is_small else ("mOhm", 1e3))
 
 
 def pulses_csv(pulses: Sequence[Pulse]) -> bytes:
-    """Every pulse in a row, empty where a resistance is not known."""
+    """Every pulse in a row, empty where a resistance is unknown."""
     head = ["record", "row", "SOC", "current [A]", "duration [s]", "rest before [s]"]
     head += ["temperature [degC]", "met a limit", "first sample [s]"]
     head += [f"R({time_s:g} s) [Ohm]" for time_s in STANDARD_S]

@@ -1,4 +1,4 @@
-"""A report as one HTML file, and as Markdown that reads well as it stands."""
+"""A report as a single HTML file, and as Markdown that is readable as text."""
 
 import base64
 import hashlib
@@ -15,16 +15,16 @@ from rich.cells import cell_len
 from ..plots import Kind, encode
 from .document import Bullets, Page, Paragraph, Picture, ReportTable
 
-# Markdown's special characters. Brackets count only where a link could follow, and underscores
-# only at the edge of a word: units and file names are full of them.
+# Markdown's special characters. Brackets count only if a link could follow, and underscores only at
+# the edge of a word: units and file names are full of them.
 SPECIAL = re.compile(r"[\\`*<|~$]|\](?=[(\[:])|(?<![^\W_])_|_(?![^\W_])")
-# The start of a line that would make a list, heading, quotation or rule.
+# The start of a line that would become a list, heading, quotation or rule.
 LEADING = re.compile(r"^(\d*)(>|[-+.)=#](?=[\s=#>-]|$))")
 OPTION = re.compile(r"(?<![\w!-])--[a-z][a-z-]*")
 
 
 def escape_markdown(text: str) -> str:
-    """Text that no Markdown reader takes for markup, on one line.
+    """Text that no Markdown reader takes as markup, on one line.
 
     >>> print(escape_markdown("a_b.csv [mV] | *c*"))
     a_b.csv [mV] \\| \\*c\\*
@@ -49,17 +49,17 @@ def table_lines(table: ReportTable) -> str:
 
 
 BLOCKS = (Paragraph, Bullets, ReportTable, Picture)
-# Resolution of the parts of a vector figure that are drawn as pictures.
+# Resolution of the rasterized parts of a vector figure.
 PAPER_DPI = 600
 MEDIA_TYPES = {".png": "image/png", ".svg": "image/svg+xml"}
-# Invisible letters, and those that reverse the text: file names may hold them.
+# Invisible letters, and those that reverse the text: file names may contain them.
 UNSEEN = {"Cc", "Cf", "Cs"}
 
 
 def to_html(document: Page) -> str:
-    """One file that needs no other and no network, and is complete where scripts do not run.
+    """One file that needs no other file and no network, and is complete without scripts.
 
-    Where a picture has a live form the page holds one script, which its policy allows by hash.
+    If a picture has a live form, the page has one script, which its policy allows by hash.
 
     >>> "<h1>A &lt; B</h1>" in to_html(Page("A < B", "", ()))
     True
@@ -75,7 +75,7 @@ def to_html(document: Page) -> str:
 
 @cache
 def _script() -> str:
-    """uPlot and what draws the report's figures with it."""
+    """uPlot, and the code that draws the report's figures with it."""
     templates = _templates(for_html=True)
     assert templates.loader is not None
     names = ("uPlot.iife.min.js", "report.js")
@@ -83,7 +83,7 @@ def _script() -> str:
 
 
 def to_markdown(document: Page) -> str:
-    """The same as GitHub's Markdown; its images are looked for in the folder figures.
+    """The document as GitHub's Markdown; its images are expected in the folder figures.
 
     They are the document's `pictures`, each under its name and suffix.
     """
@@ -92,12 +92,12 @@ def to_markdown(document: Page) -> str:
 
 
 def to_fragment(document: Page) -> str:
-    """The document as HTML without a head or style of its own, for a notebook."""
+    """The document as HTML without a head or style, for a notebook."""
     return _templates(for_html=True).get_template("fragment.html").render(document=document)
 
 
 def paper_files(drawn: Iterable[Picture]) -> dict[str, bytes]:
-    """Figures drawn within `column_width`, as PDF and SVG by their path in the results folder."""
+    """Figures drawn within `column_width`, as PDF and SVG by their paths in the results folder."""
     kinds: tuple[Kind, ...] = ("pdf", "svg")
     return {
         f"figures/paper/{picture.name}.{kind}": encode(picture.figure, kind, PAPER_DPI)
@@ -129,12 +129,12 @@ def _templates(for_html: bool) -> Environment:
 
 
 def _breakable(text: str) -> Markup:
-    """The text as HTML; a long name of a file may break behind its dots, dashes and underscores."""
+    """The text as HTML; a long file name may break after dots, dashes and underscores."""
     return Markup(re.sub(r"(?<=\w{4}[._-])(?=\w)", "<wbr>", str(escape(_seen(text)))))
 
 
 def _with_options_whole(text: str) -> Markup:
-    """The text as HTML whose lines do not break inside an option such as --current-hold."""
+    """The text as HTML, without line breaks inside an option such as --current-hold."""
     return Markup(OPTION.sub(r'<span class="option">\g<0></span>', str(escape(_seen(text)))))
 
 
@@ -147,7 +147,7 @@ def _data_uri(picture: Picture) -> str:
 
 
 def _seen(value: Any) -> Any:
-    """A text without letters that cannot be seen or stored; line ends stay."""
+    """A text without letters that cannot be seen or stored; line ends remain."""
     if not isinstance(value, str) or value.isprintable():
         return value
     cleaned = "".join(
@@ -156,5 +156,5 @@ def _seen(value: Any) -> Any:
         else letter
         for letter in value
     )
-    # Keeps the class, since `Markup` is safe already.
+    # Keeps the class, because `Markup` is safe already.
     return type(value)(cleaned)

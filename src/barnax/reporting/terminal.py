@@ -16,19 +16,19 @@ from rich.text import Text
 from ..errors import printable
 from .document import Block, Bullets, Entries, Head, Page, Paragraph, ReportTable
 
-# The looks of tables with a line below the heads, and of those without.
+# The styles of tables with a line below the heads, and without.
 LINED: dict[str, Any] = {"box": box.SIMPLE_HEAD, "header_style": "cyan"}
 BARE: dict[str, Any] = {"box": None}
-# What stays on one line, options with their values, and the character that keeps it there.
+# Text that stays on one line: options with their values, and the character that keeps it there.
 ONE_OPTION = r"--[a-z][\w-]*(?: (?!--)(?:'[^']*'|[^\s']+))?"
-# Intervals too, with their units where each end has its own.
+# Also intervals, with a unit at each end.
 INTERVAL = r"(?<![^ (])[-\d.]+ (?:[A-Za-z]+ )?to [-\d.]+(?: (?:[mu]?Ohm|s|min|h|d)\b)?"
 ONE_END = r"at (?:most|least) [-\d.]+(?: (?:[mu]?Ohm|s|min|h|d)\b)?"
 UNBROKEN = re.compile(f"{ONE_OPTION}(?: {ONE_OPTION})*|{INTERVAL}|{ONE_END}|not determined")
 GLUE = "\ue000"
-# Longer words, such as file names, may be broken: behind a dot, dash or underscore where one is.
+# Longer words, such as file names, may be broken: after a dot, dash or underscore if there is one.
 LONGEST_WORD = 24
-# What is to be copied is broken where it alone would be wider than most terminals.
+# Text to be copied is broken if it is wider than most terminals.
 LONGEST_GLUED = 60
 SEPARATED = re.compile(r"(?<=\w[._-])(?=\w)")
 
@@ -47,7 +47,7 @@ class Screen:
 
 
 def to_terminal(document: Page) -> Screen:
-    """A document with its tables, without its pictures; what has no title is indented."""
+    """A document with its tables, without its pictures; without a title it is indented."""
 
     def parts(width: int) -> Iterator[RenderableType]:
         for section in document.sections:
@@ -62,7 +62,7 @@ def to_terminal(document: Page) -> Screen:
 
 
 def terminal_table(table: ReportTable) -> Screen:
-    """A document's table as a terminal shows it, its caption as wide as the terminal."""
+    """A document's table for a terminal, with its caption as wide as the terminal."""
     return Screen(lambda width: _parts(table, width))
 
 
@@ -79,7 +79,7 @@ def whole_line(text: str, style: str = "") -> Text:
 
 
 def headed(head: str, text: str, width: int, indent: int = 16, style: str = "") -> Iterator[Text]:
-    """The lines of a text behind its head."""
+    """The lines of a text after its head."""
     for line in _wrapped(text, width - indent):
         yield whole_line(f"{head:{indent}}", "bold").append(line, style or "not bold")
         head = ""
@@ -113,7 +113,8 @@ def _parts(block: Block, width: int) -> Iterator[RenderableType]:
 
 
 def _glued(text: str) -> str:
-    """The text without what a terminal would obey, and with what stays on one line as one word."""
+    """The text without control characters, and with each unit that stays on one line as one
+    word."""
     lines = "\n".join(map(printable, text.split("\n")))
     return UNBROKEN.sub(lambda match: match[0].replace(" ", GLUE), lines)
 
@@ -126,7 +127,7 @@ def _least_width(text: str) -> int:
 
 
 def _wrapped(text: str, width: int) -> list[str]:
-    """The lines of a text, none without any: options with their values stay in one line, so that
+    """The lines of a text, none if it is empty: options with their values stay on one line, so that
     they can be copied, and so do intervals."""
     width, lines = max(width, _least_width(text)), list[str]()
     for line in _glued(text).split("\n") if text else ():
@@ -146,8 +147,8 @@ def _wrapped(text: str, width: int) -> list[str]:
 class _Whole:
     """A table of which no character is ever cut, however narrow the terminal.
 
-    Texts go on in the next line. Where numbers are wider than the terminal all the same, the
-    further columns stand below, beside the first one again.
+    Texts continue on the next line. If numbers are still wider than the terminal, the further
+    columns come below, again next to the first one.
     """
 
     def __init__(self, table: ReportTable):
@@ -157,7 +158,7 @@ class _Whole:
         self.are_numbers = [column.role == "number" for column in table.columns]
         self.heads = [_head(column, table.is_bare) for column in table.columns]
         columns = [*zip(self.heads, *table.rows, strict=True)]
-        # The widths that columns have room in, and those below which they would be cut.
+        # Column widths without wrapping, and those below which they would be cut.
         self.most = [
             max(cell_len(line) for cell in column for line in cell.split("\n"))
             for column in columns
@@ -175,11 +176,11 @@ class _Whole:
             yield self._drawn(part, width, pad)
 
     def _width(self, widths: Collection[int], pad: int) -> int:
-        """The width of columns with everything between and beside them."""
+        """The width of columns with everything between and around them."""
         return sum(widths) + (pad + self.lines) * len(widths) - pad + self.lines
 
     def _columns(self, width: int, pad: int) -> list[list[int]]:
-        """The columns that stand beside each other, each time after the first."""
+        """The groups of columns that fit side by side, each after the first column."""
         count = len(self.heads)
         firsts = [index for index in range(1, count) if index not in self.table.joined]
         parts: list[list[int]] = [[0]]
@@ -206,7 +207,7 @@ class _Whole:
             lines = Text("\n".join(_wrapped(head, widths[index])))
             shown.add_column(lines, justify=justify, no_wrap=True, width=widths[index])
         for number, row in enumerate(self.table.rows):
-            # Of a part below there is nothing to say of some rows.
+            # Some rows have nothing in a part below.
             if part[:2] == [0, 1] or any(row[index] for index in part[1:]):
                 cells = ("\n".join(_wrapped(row[index], widths[index])) for index in part)
                 styles = ("bold" * ((number, index) in self.table.best) for index in part)
@@ -219,6 +220,6 @@ def _head(column: Head, is_bare: bool) -> str:
         return column.head
     name = column.name
     if column.role == "number":
-        # Narrow, so that names fit beside seven numbers in 80 columns; "95 %" is one word.
+        # Narrow, so that names fit next to seven numbers in 80 columns; "95 %" is one word.
         name = re.sub(r"(?<!\d) ", "\n", name.replace("-", "-\n"))
     return f"{name}\n[{column.unit}]" if column.unit else name

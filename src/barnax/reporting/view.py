@@ -1,4 +1,4 @@
-"""A result as named facts, computed once: what screens, reports and tables read."""
+"""A result as named facts, computed once: the source of screens, reports and tables."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """Facts of a result; of a comparison, which has no `fits`, those of its files and cell.
+    """Facts of a result; for a comparison, which has no `fits`, those of its files and cell.
 
     Voltages are in V, currents in A, resistances in Ohm, shares are fractions.
     """
@@ -44,7 +44,7 @@ class View:
     @property
     def policy(self) -> "Policy":
         """The rule by which circuits are chosen."""
-        # It loads JAX, which the report of a fleet does without.
+        # Loads JAX, which the report of a fleet does not need.
         from ..select.policy import Policy
 
         return Policy()
@@ -69,17 +69,17 @@ class View:
 
     @cached_property
     def planned(self) -> set[str]:
-        """The files whose SOC at the start is the plan's own."""
+        """The files whose SOC at the start is that of the plan."""
         return {file.name for file in getattr(self.result, "plan", ()) if file.plans_soc}
 
     @property
     def is_pulse_test(self) -> bool:
-        """True where what was identified on is the OCV test too."""
+        """True if the identification record is the OCV test too."""
         tests = {part.sha256 for part in self._of_role("ocv")}
         return not tests.isdisjoint(part.sha256 for part in self.identified)
 
     def decided(self, what: str) -> "Mapping[Decision, list[str]]":
-        """The files by what was decided about their `sign` or `hold`."""
+        """The files by the decision about their `sign` or `hold`."""
         decisions = ((getattr(part, what), part.name) for part in self.result.inputs)
         return gathered((decision, name) for decision, name in decisions if decision)
 
@@ -88,13 +88,13 @@ class View:
         """The records of each window as it was given."""
         windows = [(part.window.unregistered, part.name) for part in self.simulated if part.window]
         if self.result.cell.has_spanned_capacity:
-            # It was not given, though the windows have it.
+            # The given start, although the windows have an adjusted one.
             windows = [(replace(window, capacity_ah=None), name) for window, name in windows]
         return gathered(windows)
 
     @property
     def sweep_drop_v(self) -> float | None:
-        """What slow sweeps lost under load."""
+        """The voltage that slow sweeps lost under load."""
         cell = self.result.cell
         if cell.sweep_ohm is None:
             return None
@@ -129,7 +129,7 @@ class View:
 
     @property
     def guesses(self) -> tuple[str, ...]:
-        """What was assumed and the answer depends on, in sentences."""
+        """The assumptions on which the answer depends, in sentences."""
         return sentences("decisions.guessed", self)
 
     @property
@@ -159,8 +159,8 @@ class View:
 
     @property
     def by_record(self) -> "list[tuple[str, Metrics, Metrics]]":
-        """The role of each record with the errors of the answer and of the constant circuit, and
-        all of those identified on together."""
+        """The role of each record with the errors of the answer and of the constant circuit, and of
+        all identification records together."""
 
         def rows(metrics: "MetricsBlock") -> "tuple[Metrics, ...]":
             return *metrics.jointly, metrics.identification, *metrics.validation
@@ -175,8 +175,8 @@ class View:
         return [*zip(roles, *both, strict=True)]
 
     def left_out(self, record: str) -> "SocErrors | None":
-        """The largest error of the temperatures left out that were predicted as a record validated
-        on is; None where it has tables of its own."""
+        """The largest error of held-out temperatures that were predicted like a validation record;
+        None if it has its own tables."""
         over = self.over_temperature
         degc = next(
             (part.temperature_degc for part in self.validation if part.name == record), None
@@ -191,7 +191,7 @@ class View:
 
     @property
     def laws(self) -> tuple[str, ...]:
-        """What resistances follow beside SOC, in sentences."""
+        """The dependence of resistances beyond SOC, in sentences."""
         return sentences("tables.law", self.result.fits)
 
     @property
@@ -206,7 +206,7 @@ class View:
 
     @property
     def degc_without_ocv(self) -> list[float]:
-        """The temperatures of tables that have no OCV test of their own."""
+        """The temperatures of tables without an OCV test."""
         return [
             degc
             for degc in self.result.fits.temperatures_degc
@@ -215,14 +215,14 @@ class View:
 
     @property
     def extent(self) -> str:
-        """The range of SOC that means are over, empty of a constant circuit."""
+        """The SOC range of means; empty for a constant circuit."""
         soc = self.result.fit.mean_soc
         return f"{soc_extent(soc)} SOC" if soc else ""
 
     @property
     def means(self) -> "list[Fact]":
-        """The means of resistances, each sum in place of its parts; of two sums that share a part,
-        the first."""
+        """The means of resistances, with each sum in place of its parts; of two sums that share a
+        part, the first."""
         means = {fact.name: fact for fact in self.result.fit.facts if fact.is_mean}
         for total in [name for name in means if len(parts_of(name)) > 1]:
             first, *others = parts_of(total)
@@ -239,7 +239,7 @@ class View:
         return min(self.result.fit.visited_nodes, key=lambda soc: abs(soc - MIDDLE_SOC))
 
     def at_middle(self, mean: "Fact") -> float:
-        """The value of a resistance, or of a sum of some, there."""
+        """The value of a resistance, or of a sum of some, at that node."""
         at, soc = self.result.fit.tables.at, np.array(self.middle_soc)
         return sum(float(at(part, soc)) for part in parts_of(mean.name))
 
@@ -254,12 +254,12 @@ class View:
         return max(part.duration_s or 0.0 for part in self.identified)
 
     def outlasts_records(self, tau: "Fact") -> bool:
-        """True of a time constant that ends at the length of the longest record."""
+        """True for a time constant whose range ends at the length of the longest record."""
         at_upper = {bound.name for bound in self.result.fit.at_bound if bound.side == "upper"}
         return tau.name in at_upper and tau.value >= self.longest_s * (1 - 1e-3)
 
     def interval(self, fact: "Fact", value: str) -> str:
-        """The interval of a number beside its value; empty without one."""
+        """The interval of a number, to be shown next to its value; empty without one."""
         if fact.name in self.result.fits.held:
             return "held"
         if fact.low is None and fact.high is None:
@@ -270,12 +270,12 @@ class View:
 
     @property
     def candidates(self) -> "list[Candidate]":
-        """The answer first."""
+        """The candidates, with the answer first."""
         return sorted(self.result.candidates, key=lambda candidate: not candidate.is_answer)
 
     def validated(self, candidate: "Candidate") -> "tuple[SocErrors | Metrics, ...]":
-        """The errors of a candidate on each record validated on; a comparison has those over whole
-        records alone."""
+        """The errors of a candidate on each validation record; a comparison only has those over
+        whole records."""
         from ..fit.cross_validation import SocErrors
         from ..results import Result
 
@@ -286,22 +286,22 @@ class View:
 
     @property
     def surpassed(self) -> "list[tuple[Metrics, Metrics]]":
-        """The errors of the constant circuit and of the tables that are the answer, on each record
-        that the constant circuit simulates better; errors within `SAME` are no better."""
+        """The errors of the constant circuit and of the tables on each record that the constant
+        circuit simulates better; errors within `SAME` are equal."""
         pairs = zip(self.result.constant.metrics.validation, self.validation_errors, strict=True)
         return [pair for pair in pairs if pair[0].rmse_v < (1 - SAME) * pair[1].rmse_v]
 
     @property
     def offset(self) -> "tuple[OffsetEffect | None, Notice | None]":
-        """The effect of the current offset that rests show, else of a common one; and the warning
-        of the one that they show."""
+        """The effect of the current offset seen at rests, else of a common one; and the warning for
+        the former."""
         names = {part.name for part in self.identified}
         offsets = (one for one in self.result.warnings if one.code == "rests.offset")
         seen = next((one for one in offsets if one.subject in names), None)
         effect = self.result.fit.of_offset
         if effect and seen:
             offset_a = float(seen.values["offset_a"])
-            # So small a change is in proportion to what makes it.
+            # So small a change is proportional to its cause.
             times = abs(offset_a) / effect.offset_a
             more = {"offset_a": offset_a, "r0": times * effect.r0, "total": times * effect.total}
             effect = replace(effect, **more)
@@ -309,6 +309,6 @@ class View:
 
     @property
     def registered(self) -> "list[InputPart]":
-        """The records whose starts and capacities were adjusted."""
+        """The records with adjusted starts and capacities."""
         windows = [(part, part.window) for part in self.identified if part.start and part.window]
         return [part for part, window in windows if window.registration and window.capacity_ah]

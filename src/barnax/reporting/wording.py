@@ -1,18 +1,18 @@
 """Words from templates: macros as sentences, and templates as whole documents.
 
-A template of `templates/words` makes lines, and how a line begins says what it is:
+A template of `templates/words` makes lines whose beginning says what they are:
 
     = the title of a document     # a section     - a sentence of a list     ! a warning of a list
-    : a sentence with its head    & a pattern of figures' names, each where it is first asked for
+    : a sentence with its head    & a pattern of figures' names, each shown where it first matches
     ^ the caption of a table      ~ no caption, and no line below the heads
-    | heads, a rule and rows, as Markdown writes a table: `---:` is the rule of numbers, `:--` that
-      of a column that stays beside the one before it
+    | heads, a rule and rows, as in a Markdown table: `---:` is the rule of numbers, `:--` of a
+      column that stays next to the previous one
 
-and anything else a paragraph, before any section the summary.
+Anything else is a paragraph, before the first section the summary.
 
-A line that begins with a space goes on with the one above, and blank lines are nothing. A value is
-on one line and in one cell, whatever it holds, so that a file's name is no markup; only `| lines`
-puts in the lines of a macro. Words of `words.py` are filters and functions of every template.
+A line that begins with a space continues the one above, and blank lines are ignored. A value is on
+one line and in one cell, whatever it contains, so that a file's name is no markup; only `| lines`
+inserts the lines of a macro. Functions of `words.py` are filters and functions of every template.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -48,11 +48,11 @@ from .document import (
 )
 
 MARKS = "=#-!:&^~|"
-# Stands for a bar in a value, which ends no cell.
+# Stands for a bar in a value, which does not end the cell.
 BAR = "\ue001"
-# What a column holds by its rule.
+# The type of a column by its rule.
 RULES: dict[str, Role] = {"---": "text", "---:": "number", ":--": "text", ":--:": "number"}
-# What sentences say of the numerics, by name.
+# Constants of the numerics in sentences, by name.
 CONSTANTS = {
     "ABOVE_SOC": ABOVE_SOC,
     "MAX_MOVED_SOC": MAX_MOVED_SOC,
@@ -60,17 +60,17 @@ CONSTANTS = {
     "OCV": OCV,
 }
 CONSTANTS |= {name: getattr(dependence, name) for name in ("BETA", "KAPPA", "ONSET", "CHARGE")}
-# What is worth a sentence: low SOC with most of the squared error, a band with a notable share of
-# it, and a start that was moved, or an SOC beyond the ends, by more than what nobody asks about.
+# Thresholds for a sentence: low SOC with most of the squared error, a band with a notable share of
+# it, and an adjustment of a start, or an SOC beyond the ends, larger than negligible.
 CONSTANTS |= {"MOST": 0.5, "NOTABLE": 0.2, "MOVED_SOC": 5e-5, "BEYOND_SOC": 0.005}
-# A start or a capacity that was adjusted by less, as a share, changes no answer.
+# A smaller relative adjustment of a start or a capacity changes no answer.
 CONSTANTS |= {"HARDLY_MOVED": 1e-3}
-# A 95 % band that holds less often is overconfident; a flat OCV at fewer samples is no matter.
+# A 95 % band that covers less often is overconfident; a flat OCV at fewer samples does not matter.
 CONSTANTS |= {"TRUSTED_BAND": 0.9, "FLAT_SHARE": 0.05}
-# By so much warmer, the resistances of a cell are others.
+# Resistances differ notably if the cell is this much warmer.
 CONSTANTS |= {"WARM_K": 10.0}
 CONSTANTS |= {"SAME": words.SAME}
-# Moving a start is worth a line where it lowers the error by more than this share.
+# Moving a start is worth a line if it lowers the error by more than this share.
 CONSTANTS |= {"APART": 0.1}
 
 
@@ -81,10 +81,9 @@ class Made(str):
 
 
 def document(template: str, pictures: Iterable[Picture] = (), **facts: Any) -> Page:
-    """The document that a template makes of facts; `pictures` are those that it asks for.
+    """The document that a template makes of facts; `pictures` are those available to it.
 
-    A section without blocks is left out. Raises jinja2's `UndefinedError` for facts that are not
-    given.
+    A section without blocks is left out. Raises jinja2's `UndefinedError` for missing facts.
     """
     return _document(_template(template).render(**facts), pictures)
 
@@ -133,7 +132,7 @@ def _table(caption: str, lines: Sequence[str], is_bare: bool) -> ReportTable:
 
 
 def rendered(template: str, **facts: Any) -> str:
-    """The text of a template as it stands."""
+    """The text of a template as it is."""
     return _template(template).render(**facts).replace(BAR, "|")
 
 
@@ -163,12 +162,12 @@ def sentences(name: str, *facts: Any) -> tuple[str, ...]:
 
 
 def wording(name: str, *facts: Any) -> str:
-    """The same in one line."""
+    """The text of a macro in one line."""
     return _on_one_line(_macro(name, facts)).strip().replace(BAR, "|")
 
 
 def _items(text: str) -> Iterator[tuple[str, str]]:
-    """What lines are, by the mark they begin with, and their texts."""
+    """The kinds of lines, by their first characters, and their texts."""
     items: list[tuple[str, list[str]]] = []
     for line in filter(str.strip, text.split("\n")):
         if line.startswith(" ") and items:

@@ -1,4 +1,4 @@
-"""Numbers and lists as a sentence or a table says them."""
+"""Numbers and lists as they appear in sentences and tables."""
 
 import math
 from collections.abc import Collection, Iterable, Sequence
@@ -22,9 +22,9 @@ NOT_DETERMINED = "not determined"
 FEWEST_DIGITS, MOST_DIGITS = 3, 5
 # Errors within this share of each other are called the same, and circuits nearly as good.
 SAME = 0.01
-# From here on a resistance is read in Ohm, as those of coin cells are.
+# From here on a resistance is shown in Ohm, as for coin cells.
 LARGE_OHM = 1.0
-# Rounded up, since a claim may not say more than was proved.
+# Rounded up, because a claim must not exceed what was proved.
 ROUNDED_UP = Context(prec=1, rounding=ROUND_CEILING)
 BandQuantity = Literal["SOC", "current", "temperature"]
 Key = TypeVar("Key")
@@ -32,7 +32,7 @@ Item = TypeVar("Item")
 
 
 def joined(items: Sequence[str], last: str = "and") -> str:
-    """Items in a row, the last after `last`.
+    """Items in a list, the last one after `last`.
 
     >>> joined([]), joined(["a"]), joined(["a", "b"]), joined(["a", "b", "c"])
     ('', 'a', 'a and b', 'a, b and c')
@@ -43,7 +43,7 @@ def joined(items: Sequence[str], last: str = "and") -> str:
 
 
 def numbered(role: str, count: int) -> list[str]:
-    """Names of so many of a role.
+    """Names of this many records of a role.
 
     >>> numbered("validation", 1), numbered("validation", 2)
     (['validation'], ['validation 1', 'validation 2'])
@@ -52,7 +52,7 @@ def numbered(role: str, count: int) -> list[str]:
 
 
 def shortened(name: str, longest: int) -> str:
-    """A name of at most so many letters, its middle left out.
+    """A name with at most this many letters, its middle left out.
 
     >>> shortened("identification.parquet", 16)
     'identi...parquet'
@@ -62,7 +62,7 @@ def shortened(name: str, longest: int) -> str:
 
 
 def gathered(pairs: Iterable[tuple[Key, Item]]) -> dict[Key, list[Item]]:
-    """Items that have the same key, by the key, in the order that they come.
+    """Items that share a key, by the key, in their order.
 
     >>> gathered([(1, "a"), (2, "b"), (1, "c")])
     {1: ['a', 'c'], 2: ['b']}
@@ -74,7 +74,7 @@ def gathered(pairs: Iterable[tuple[Key, Item]]) -> dict[Key, list[Item]]:
 
 
 def extent(values: Collection[float], scale: float = 1.0, form: str = ".4g") -> str:
-    """The least and the largest value, once where both read the same.
+    """The least and the largest value, once if both look the same.
 
     >>> extent([2.0, 1.0, 3.0]), extent([0.951, 0.949], scale=100, form=".0f")
     ('1 to 3', '95')
@@ -84,7 +84,7 @@ def extent(values: Collection[float], scale: float = 1.0, form: str = ".4g") -> 
 
 
 def sentence(text: str) -> str:
-    """The text with a full stop, where it lacks one.
+    """The text with a full stop, added if it has none.
 
     >>> sentence("it failed"), sentence("It failed.")
     ('it failed.', 'It failed.')
@@ -104,7 +104,7 @@ def millivolt(value_v: float) -> str:
 
 
 def aligned(value: float) -> str:
-    """Three figures, zeros too, so that a column lines up.
+    """Three significant figures with zeros, so that a column lines up.
 
     >>> aligned(0.5), aligned(100.0)
     ('0.500', '100')
@@ -113,7 +113,7 @@ def aligned(value: float) -> str:
 
 
 def aligned_millivolt(value_v: float | None) -> str:
-    """A voltage in mV of three figures, so that a column lines up; empty where there is none.
+    """A voltage in mV with three figures, so that a column lines up; empty if there is none.
 
     >>> aligned_millivolt(0.0075), aligned_millivolt(1.25), aligned_millivolt(None)
     ('7.50', '1250', '')
@@ -124,12 +124,12 @@ def aligned_millivolt(value_v: float | None) -> str:
 
 
 def millivolts_cell(value_v: float | None) -> str:
-    """A voltage under a head in mV, a dash where there is none."""
+    """A voltage under a head in mV; a dash if there is none."""
     return fixed(None if value_v is None else 1e3 * value_v, 3)
 
 
 def percent(ratio: float | None) -> str:
-    """A ratio in percent, two digits or all before the point; a dash where there is none.
+    """A ratio in percent, with two digits or all before the point; a dash if there is none.
 
     >>> percent(0.0), percent(0.00123), percent(0.0213), percent(0.996), percent(1e-9)
     ('0 %', '0.12 %', '2.1 %', '100 %', '1e-07 %')
@@ -141,7 +141,7 @@ def percent(ratio: float | None) -> str:
 
 
 def soc_extent(soc: tuple[float, float] | None) -> str:
-    """A range of SOC; empty where there is none.
+    """A range of SOC; empty if there is none.
 
     >>> soc_extent((0.1, 1.0)), soc_extent(None)
     ('10-100 %', '')
@@ -150,7 +150,7 @@ def soc_extent(soc: tuple[float, float] | None) -> str:
 
 
 def fixed(value: float | None, decimals: int) -> str:
-    """A number with so many decimals, or a dash where there is none."""
+    """A number with this many decimals; a dash if there is none."""
     return NOTHING if value is None else f"{value:.{decimals}f}"
 
 
@@ -160,12 +160,12 @@ def better_than(proved_gap: float) -> str:
 
 
 def rounded_up(proved_gap: float) -> str:
-    """What was proved, in percent, without an exponent."""
+    """The proved gap in percent, without an exponent."""
     return f"{ROUNDED_UP.create_decimal(repr(100 * proved_gap)):f} %" if proved_gap else "0 %"
 
 
 def minima_reach() -> str:
-    """How far above the lowest one a grid's minima are kept."""
+    """How far above the lowest one minima of the grid are kept."""
     from ..global_optimum.search import FACTOR
 
     return f"less than {percent(FACTOR - 1)} above the best one"
@@ -179,7 +179,8 @@ def optimality_gap(rmse_v: float, optimum_v: float) -> float:
 
 
 def errors_words(errors: "SocErrors | Metrics | None") -> str:
-    """An RMSE in mV, in brackets that above 10 % SOC where it differs; a dash without errors.
+    """An RMSE in mV, followed in brackets by the one above 10 % SOC if it differs; a dash without
+    errors.
 
     >>> from barnax.fit.cross_validation import SocErrors
     >>> errors_words(SocErrors(0.0232, 0.0102)), errors_words(SocErrors(0.0232, None))
@@ -192,7 +193,7 @@ def errors_words(errors: "SocErrors | Metrics | None") -> str:
 
 
 def duration(value_s: float) -> str:
-    """Seconds, minutes or hours, as one would say it.
+    """Seconds, minutes or hours, whichever is natural.
 
     >>> duration(46.8), duration(1500), duration(19679)
     ('46.8 s', '25 min', '5.47 h')
@@ -203,12 +204,12 @@ def duration(value_s: float) -> str:
 
 
 def degrees(temperature_degc: float) -> str:
-    """A temperature as it is said."""
+    """A temperature with its unit."""
     return f"{temperature_degc + 0.0:.3g} degC"
 
 
 def capitalized(text: str) -> str:
-    """The text as a sentence begins."""
+    """The text with a capital first letter."""
     return text[:1].upper() + text[1:]
 
 
@@ -222,12 +223,12 @@ def symbol(name: str) -> str:
 
 
 def quantity_name(quantity: str) -> str:
-    """A quantity's name in a sentence: of R, which is of all resistances together, "total R"."""
+    """A quantity's name in a sentence; "total R" for R, the sum of all resistances."""
     return {"R": "total R"}.get(symbol(quantity), symbol(quantity))
 
 
 def figures(value: float | None, digits: int = 3) -> str:
-    """So many digits, without an exponent where it can be helped; a dash where there is none.
+    """This many digits, without an exponent if possible; a dash if there is none.
 
     >>> figures(0.1), figures(212403.8), figures(7.0), figures(9.994e12), figures(307212.0, 4)
     ('0.1', '212000', '7', '9.99e+12', '307200')
@@ -241,8 +242,8 @@ def figures(value: float | None, digits: int = 3) -> str:
 
 
 def shown(name: str, value: float, digits: int = 3) -> tuple[str, str]:
-    """A parameter's value to so many figures and its unit: resistances in mOhm, those of coin cells
-    in Ohm, hours where seconds are many, voltages in mV to two figures.
+    """A parameter's value with this many figures and its unit: resistances in mOhm, those of coin
+    cells in Ohm, many seconds in hours, voltages in mV with two figures.
 
     >>> shown("R1 [Ohm]", 0.0149), shown("R1 [Ohm]", 57.2), shown("tau2 [s]", 19680.0)
     (('14.9', 'mOhm'), ('57.2', 'Ohm'), ('5.47', 'h'))
@@ -274,7 +275,7 @@ def readable(circuit: "CircuitParameters") -> dict[str, float]:
     >>> readable(CircuitParameters.constant(r0=0.05, r=(0.02,), c=(500.0,)))
     {'R0 [mOhm]': 50.0, 'R1 [mOhm]': 20.0, 'C1 [F]': 500.0, 'tau1 [s]': 10.0}
     """
-    # It comes with JAX, which a check of files does without.
+    # Loads JAX, which a check of files does not need.
     from ..uncertainty.covariance import named_values
 
     scaled = ((in_milliohm(name), value) for name, value in named_values(circuit).items())
@@ -282,7 +283,7 @@ def readable(circuit: "CircuitParameters") -> dict[str, float]:
 
 
 def with_unit(name: str, value: float) -> str:
-    """A parameter's value as it is read.
+    """A parameter's value with its unit, for sentences.
 
     >>> with_unit("R1 [Ohm]", 0.0149), with_unit("gamma", 48.0)
     ('14.9 mOhm', '48 /SOC')
@@ -291,13 +292,13 @@ def with_unit(name: str, value: float) -> str:
 
 
 def seconds(time_s: float) -> str:
-    """A time constant or the like, as it is read."""
+    """A time constant or another duration, for sentences."""
     return with_unit("time [s]", time_s)
 
 
 def times(log_step: float) -> str:
-    """A factor; beyond `WIDEST_FACTOR` nothing is known of its size."""
-    # It comes with JAX, which a check of files does without.
+    """A factor; beyond `WIDEST_FACTOR` its size is unknown."""
+    # Loads JAX, which a check of files does not need.
     from ..uncertainty.covariance import WIDEST_FACTOR
 
     if abs(log_step) > math.log(WIDEST_FACTOR):
@@ -327,7 +328,7 @@ def between(name: str, low: float, high: float, value: float | None = None) -> s
 
 
 def interval(name: str, low: float | None, high: float | None, value: float | None = None) -> str:
-    """An interval of a parameter as it is read, whichever of its ends is known.
+    """An interval of a parameter for sentences, whichever of its ends is known.
 
     >>> interval("R1 [Ohm]", 0.0136, 0.0687), interval("R1 [Ohm]", 0.0, 0.0687)
     ('13.6 to 68.7 mOhm', 'at most 68.7 mOhm')
@@ -340,18 +341,18 @@ def interval(name: str, low: float | None, high: float | None, value: float | No
 
 
 def interval_beside(value: str, of: "NodeInterval") -> str:
-    """The interval of a number, without the unit of its value that it stands beside."""
+    """The interval of a number, without the unit of the value next to it."""
     return without_unit(interval(of.name, of.low, of.high, of.value), value)
 
 
 def interval_under(head: str, of: "NodeInterval | Estimate | ParameterProfile") -> str:
-    """The same under the head of a column, without its unit."""
+    """The interval under the head of a column, without its unit."""
     text = interval(of.name, of.low, of.high, getattr(of, "value", None))
     return without_unit(text, head.replace("[", "").rstrip("]"))
 
 
 def without_unit(text: str, value: str) -> str:
-    """A text without the unit of the value beside it; of two units both stay.
+    """A text without the unit of the value next to it; two different units remain.
 
     >>> without_unit("1 to 2 s", "1.5 s"), without_unit("9 s to 3 h", "2 h")
     ('1 to 2', '9 s to 3 h')

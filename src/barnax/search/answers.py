@@ -1,4 +1,4 @@
-"""What a search and its refinement answer, as results store it: seeds and distinct optima."""
+"""The answers of a search and its refinement, as results store them: seeds and distinct optima."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from ..schema import Loss, Unstored
 # A parameter this close to an end of its box, as a fraction of the (log) width, is at the bound.
 AT_BOUND = 1e-3
 # Refined answers whose RMSE agree this closely (relative) are one optimum; if their parameters
-# differ by more than this all the same, the optimum is a family of circuits.
+# still differ by more than this, the optimum is a family of circuits.
 SAME_RMSE = 1e-5
 SAME_PARAMETER = 1e-2
 
@@ -41,7 +41,7 @@ class SeedAnswer(Brief):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Search(Brief):
-    """A search as it was set up, and the answers of all seeds.
+    """A search with its settings and the answers of all seeds.
 
     Attributes:
         method: The optimizer.
@@ -79,7 +79,7 @@ class Search(Brief):
 class RefinedSeed:
     """The end of one seed's refinement; `moved` is the largest relative change of a parameter.
 
-    `evaluations` counts the simulations that took, a Jacobian as one per free parameter.
+    `evaluations` counts the simulations it took, a Jacobian as one per free parameter.
     """
 
     rmse_v: float
@@ -120,7 +120,7 @@ class Optimum:
 
 
 class WithOptima(Brief):
-    """What has distinct `optima`, the best first."""
+    """Anything with distinct `optima`, the best first."""
 
     optima: Any
 
@@ -163,9 +163,9 @@ def largest_change(before: CircuitParameters, after: CircuitParameters) -> float
 
 
 def distinct_optima(refined: Sequence[RefinedSeed]) -> tuple[Optimum, ...]:
-    """Refined seeds gathered into distinct optima, the best first.
+    """Refined seeds grouped into distinct optima, the best first.
 
-    A seed that was still moving counts only where it has reached an optimum all the same.
+    A seed that was still moving counts only if it has reached an optimum nevertheless.
     """
     groups: list[list[RefinedSeed]] = []
     for seed in sorted(refined, key=lambda seed: seed.rmse_v):
@@ -189,7 +189,7 @@ def distinct_optima(refined: Sequence[RefinedSeed]) -> tuple[Optimum, ...]:
 
 
 def near_ends(values: Iterable[tuple[str, float, float, float]]) -> tuple[AtBound, ...]:
-    """The names whose value is at the lower or the upper end that come with it."""
+    """The names whose value is at the lower or the upper end given with it."""
     return tuple(
         AtBound(name, "lower" if fraction < 0.5 else "upper")
         for name, value, low, high in values

@@ -1,4 +1,5 @@
-"""One circuit simulated on records, with its errors, and the scored samples of several joined."""
+"""One circuit simulated on records, with its errors, and the scored samples of several records
+joined."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -25,11 +26,11 @@ from ..notices import Notice
 from ..records import Record
 from ..settings import MAX_MOVED_SOC
 
-# A start is moved by so much to see what that does.
+# The shift of a start from which its effect is computed.
 PROBE_SOC = 0.002
-# Fewer steps of the current show nothing of R0.
+# With fewer current steps nothing can be said about R0.
 FEWEST_STEPS = 3
-# A lag is found within so many samples.
+# A lag is looked for within this many samples.
 LAG_SAMPLES = 0.1
 
 
@@ -82,7 +83,8 @@ class Evaluations(Brief):
         identified: Sequence[PreparedRecord],
         validated: Sequence[PreparedRecord],
     ) -> "Evaluations":
-        """Those of a circuit; of a record to validate on from the better direction and start."""
+        """The evaluations of a circuit; on a validation record from the better direction and
+        start."""
         others = [
             with_registered(evaluate_from_either(prepared, evaluated), evaluated)
             for prepared in validated
@@ -107,9 +109,9 @@ def evaluate(prepared: PreparedRecord, parameters: CircuitParameters) -> Evaluat
 
 
 def both_directions(prepared: PreparedRecord) -> tuple[PreparedRecord, PreparedRecord | None]:
-    """The record, and the same coming from the other direction, where that is open.
+    """The record, and the same record from the other direction, if that is open.
 
-    Where the other changes nothing there is none, and the record says so.
+    If the other one changes nothing, there is none, and the record says so.
     """
     if prepared.start.direction_source != "assumed":
         return prepared, None
@@ -128,7 +130,8 @@ def both_directions(prepared: PreparedRecord) -> tuple[PreparedRecord, PreparedR
 def evaluate_from_either(
     prepared: PreparedRecord, evaluated: Callable[[PreparedRecord], Evaluation]
 ) -> Evaluation:
-    """A circuit on a record it was not fitted to, from the direction that fits better if open."""
+    """A circuit on a record it was not fitted to, from the direction that fits better if it is
+    open."""
     prepared, other = both_directions(prepared)
     given = evaluated(prepared)
     if other is None:
@@ -141,8 +144,8 @@ def evaluate_from_either(
 def with_registered(
     evaluation: Evaluation, evaluated: Callable[[PreparedRecord], Evaluation]
 ) -> Evaluation:
-    """The same with what moving the start would gain: by a Gauss-Newton step, for the error is
-    nearly linear in it. Where the step leaves the OCV, or gains nothing, the start stays."""
+    """The evaluation with the gain of moving the start, by a Gauss-Newton step, because the error
+    is nearly linear in it. If the step leaves the OCV, or gains nothing, the start remains."""
     prepared = evaluation.prepared
 
     def moved(soc: float) -> Evaluation | None:
@@ -150,7 +153,7 @@ def with_registered(
         return None if record is None else evaluated(record)
 
     stays = replace(evaluation, registered=(0.0, evaluation.metrics.rmse_v))
-    # Towards the middle, where the OCV goes on.
+    # Towards the middle, where the OCV continues.
     step = PROBE_SOC if prepared.start.soc < 0.5 else -PROBE_SOC
     probed = moved(step)
     if probed is None:
@@ -164,14 +167,14 @@ def with_registered(
     if shifted is None:
         return stays
     before, after = _in_both(evaluation, shifted)
-    # The samples that count may be others then.
+    # Other samples may then be scored.
     is_less = float(after @ after) < float(before @ before)
     is_less &= shifted.metrics.rmse_v < evaluation.metrics.rmse_v
     return replace(evaluation, registered=(soc, shifted.metrics.rmse_v)) if is_less else stays
 
 
 def _in_both(*evaluations: Evaluation) -> Iterator[Float[np.ndarray, "scored"]]:
-    """The errors at the samples that both count; which of them do can depend on the SOC."""
+    """The errors at the samples that both score, which can depend on the SOC."""
     count = min(len(evaluation.prepared.scored) for evaluation in evaluations)
     scored = np.all([evaluation.prepared.scored[:count] for evaluation in evaluations], axis=0)
     return (evaluation.error_v[:count][scored] for evaluation in evaluations)
@@ -180,12 +183,12 @@ def _in_both(*evaluations: Evaluation) -> Iterator[Float[np.ndarray, "scored"]]:
 def step_warnings(
     evaluation: Evaluation, parameters: CircuitParameters, least_share: float = 1.0
 ) -> Iterator[Notice]:
-    """A notice where R0 is more than the record shows after steps of the current; under a law of
-    resistances, the circuit's answer to them.
+    """A notice if R0 is larger than the record shows after current steps; with a law of
+    resistances, larger than the circuit's response to them.
 
     Two intervals are compared: the lower end of R0, of which it is `least_share`, and the 95 %
-    interval of the median over all steps. What a single step shows is no limit, for it has the
-    relaxation of the loads before it.
+    interval of the median over all steps. A single step is no limit, because it includes the
+    relaxation of earlier loads.
     """
     prepared = evaluation.prepared
     before, after = prepared.steps
@@ -202,7 +205,7 @@ def step_warnings(
     r0_ohm = simulated_ohm if has_law else parameters.at(OHMIC, prepared.soc[before])
     above_ohm = least_share * r0_ohm - shown_ohm
     median_ohm = float(np.median(above_ohm))
-    # Of a median of normal values, and a robust one: steps of an empty cell scatter far more.
+    # For a median of normal values, and a robust one: steps of an empty cell scatter far more.
     freedom, spread_ohm = len(before) - 1, TO_SD * np.median(np.abs(above_ohm - median_ohm))
     error_ohm = math.sqrt(math.pi / 2 / freedom) * float(spread_ohm)
     if median_ohm > t_quantile(freedom) * error_ohm:
@@ -212,7 +215,7 @@ def step_warnings(
 
 
 def pooled(evaluations: Sequence[Evaluation], name: str, **more: Any) -> Metrics:
-    """The metrics over all scored samples of several records, under one name, and `more` of their
+    """The metrics over all scored samples of several records, under one name, with `more` of their
     fields."""
     scored = [(one, one.prepared.scored) for one in evaluations]
     measured_v = np.concatenate([one.prepared.voltage_v[here] for one, here in scored])
@@ -249,7 +252,7 @@ def open_starts(
 ) -> tuple[Float[np.ndarray, "scored starts"], Float[np.ndarray, "starts"]]:
     """Columns that move the errors by one standard error of each start estimated from voltages, and
     each start's distance from its estimate, in standard errors."""
-    # Half the digits are enough of an error of an error.
+    # Half the digits suffice for an error of an error.
     by_start_v = [
         -float(prepared.start.soc_sd)
         * prepared.cell.ocv_slope(prepared.soc[prepared.scored])[:, None].astype(np.float32)
@@ -268,11 +271,11 @@ def open_starts(
 def nuisance_columns(
     prepared_records: Sequence[PreparedRecord], parameters: CircuitParameters
 ) -> tuple[Float[np.ndarray, "scored nuisances"], Float[np.ndarray, "nuisances"]]:
-    """The same of all that is given beside the voltages: the starts, the hysteresis voltage of the
-    OCV test at each of its knots, and lags, given or not."""
+    """Such columns for all given quantities other than voltages: the starts, the hysteresis voltage
+    of the OCV test at each of its knots, and lags, given or not."""
     by_start_v, shifts_sd = open_starts(prepared_records)
     columns = [by_start_v]
-    # A long record has no room for columns of nothing.
+    # For a long record there is no memory for columns of zeros.
     is_fitted = HALF_HYSTERESIS in parameters.tables
     if get_circuit(prepared_records[0].circuit).has_hysteresis and not is_fitted:
         by_hysteresis_v = np.concatenate(
@@ -290,10 +293,11 @@ def nuisance_columns(
 def _by_hysteresis_v(
     prepared: PreparedRecord, parameters: CircuitParameters
 ) -> Float[np.ndarray, "scored knots"]:
-    """What the errors are by the hysteresis voltage at every knot, which is known to its own size:
-    sweeps have their drop in it, and at the ends rests of turning points belong to both branches.
+    """The derivatives of the errors by the hysteresis voltage at every knot, whose standard error
+    is its own size: sweeps include their drop, and at the ends rests of turning points belong to
+    both branches.
 
-    Without turns of the current it is part of the OCV, so only what differs from the mean counts.
+    Without turns of the current it is part of the OCV, so only the deviation from the mean counts.
     """
     soc = prepared.soc[prepared.scored]
     gap_v = get_circuit(prepared.circuit).hysteresis.gap_v(prepared.cell, soc)
@@ -306,7 +310,7 @@ def _by_hysteresis_v(
 def hysteresis_state(
     prepared: PreparedRecord, parameters: CircuitParameters
 ) -> Float[np.ndarray, "simulated"]:
-    """The state in [-1, 1] that the hysteresis voltage is multiplied by."""
+    """The state in [-1, 1] that multiplies the hysteresis voltage."""
     if parameters.gamma is None:
         hysteresis = get_circuit(prepared.circuit).hysteresis
         return hysteresis.state(prepared.soc, prepared.direction)
@@ -317,21 +321,21 @@ def hysteresis_state(
 
 
 def _by_lag_v(prepared: PreparedRecord) -> Float[np.ndarray, "scored"]:
-    """What the errors are by a lag, given or not, by way of what shows at once."""
+    """The derivatives of the errors by a lag, given or not, through the immediate response."""
     is_late = prepared.record.voltage_lag_s != 0.0
     moved_a = np.diff(prepared.current_a, prepend=prepared.current_a[:1])
     return LAG_SAMPLES * is_late * prepared.step_ohm * moved_a[prepared.scored]
 
 
 def one_clock(prepared_records: Sequence[PreparedRecord]) -> Float[np.ndarray, "scored"]:
-    """Times of all scored samples, no lag within a record being one between records."""
+    """Times of all scored samples, with gaps between records longer than any lag within one."""
     gap_s = max(
         prepared.scored_duration_s + 2 * prepared.median_interval_s for prepared in prepared_records
     )
     times, start_s = [], 0.0
     for prepared in prepared_records:
         times.append(prepared.time_s[prepared.scored])
-        # In place: a long record has no room for copies.
+        # In place: a long record leaves no memory for copies.
         times[-1] += start_s - times[-1][0]
         start_s = times[-1][-1] + gap_s
     return np.concatenate(times)

@@ -173,18 +173,19 @@ def _search(
     return solution.value, stats["best_loss"], stats["evaluations"], stats["failures"]
 
 
-# Steps of one round. Who needs many rounds creeps along a valley; only the best is followed there.
+# Steps of one round. Seeds that need many rounds creep along a valley; only the best is followed
+# there.
 STEPS = 50
-# An error under a picovolt is zero; it would not do as a unit.
+# An error below a picovolt is zero; it could not serve as a unit.
 SMALLEST_UNIT_V = 1e-12
 
 
 class Descent:
     """Levenberg-Marquardt on one problem, compiled once for blocks of `CIRCUITS_PER_BLOCK`.
 
-    It runs on the compressed objective, whichever the search took, unless the box is too wide for
-    that; the errors it returns are the scan's.
-    Compiling depends on the problem alone, so it can be done beside the search.
+    It runs on the compressed objective, whatever the search used, unless the box is too wide for
+    that; the returned errors are the scan's. Compiling depends on the problem only, so it can run
+    beside the search.
     """
 
     @in_float64
@@ -232,9 +233,10 @@ class Descent:
     def led_on(
         self, ends: Sequence[RefinedSeed], tolerance: float, rounds: int
     ) -> tuple[list[RefinedSeed], int]:
-        """What has not converged led on, with what is at a bound held there; and the evaluations.
+        """Circuits that have not converged, continued with parameters at a bound held there; and
+        the evaluations.
 
-        Along a bound the sine is flat, and a descent wanders there without an end of its own.
+        Along a bound the sine is flat, and a descent wanders there without end.
         """
         ends, spent = list(ends), 0
         for _ in range(rounds):
@@ -282,7 +284,8 @@ def _descend(
         return jnp.linalg.norm(residuals(point, objective))
 
     def one(start):
-        # In units of the start's own error, tolerances are relative and no seed sees another.
+        # In units of the start's own error, so tolerances are relative and seeds do not affect each
+        # other.
         unit_v = jnp.maximum(rmse_at(start), SMALLEST_UNIT_V)
         given = objective, start, unit_v
         # The sine is flat at the ends of the box: a start exactly there could never leave.
@@ -294,7 +297,7 @@ def _descend(
         errors_v = jax.vmap(rmse_at)(ends)
         better = jnp.nanargmin(errors_v)
         jacobians = solution.state.num_accepted_steps * start.size
-        # The start's own error and both ends' are evaluations too.
+        # The start's own error and both ends' count as evaluations too.
         evaluations = solution.stats["num_steps"] + jacobians + 3
         return ends[better], errors_v[better], has_converged, evaluations
 
@@ -346,7 +349,7 @@ def at_bound(box: Coordinates, parameters: CircuitParameters) -> tuple[AtBound, 
     point = np.asarray(point_blocks([parameters], box)[0])[0]
     ends = np.asarray(box.lower), np.asarray(box.upper)
     values = list(zip(box.names, point, *ends, strict=True))
-    # A pair bounded in C can still end at the limits of its tau.
+    # A pair bounded in C can also end at the limits of its tau.
     limits_s = np.asarray(box.tau_limits_s)
     for (name, tau_s), limits in zip(parameters.named_tau_s.items(), limits_s, strict=True):
         if name not in box.names and limits[0] < limits[1]:

@@ -189,6 +189,8 @@ def test_a_numpy_function_is_refused_bare_and_searched_wrapped(whole):
 
     with pytest.raises(ValueError, match=r"write it with jax\.numpy, or give `from_numpy"):
         run(fn=of_numpy, args=np.asarray(CENTER))
+    with pytest.raises(ValueError, match="has to take `y` and `args`"):
+        from_numpy(lambda y: 0.0)
     wrapped = run(fn=from_numpy(of_numpy), args=np.asarray(CENTER), key=jr.split(KEY, 4)[0])
     np.testing.assert_allclose(history_of(wrapped), history_of(whole)[0], rtol=1e-4)
 

@@ -75,7 +75,9 @@ def test_tables_are_compared_at_states_of_charge_between_visited_nodes():
     assert "R0 at 50 % SOC" not in beside.differing["2: cycle.csv"]
     assert "not determined" in repr(beside)
     # Tables and a constant circuit have only the latter in common.
-    assert "Constant circuits" in repr(barnax.show(one, make_result("so-rc", record="b.csv")))
+    constants = repr(barnax.show(one, make_result("so-rc", record="b.csv")))
+    assert "Constant circuits" in constants
+    assert "b.csv has no tables over SOC, so the constant circuits are compared." in constants
 
 
 def test_an_interval_that_would_hide_a_doubling_is_too_wide_to_tell():

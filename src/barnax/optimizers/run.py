@@ -1,5 +1,6 @@
 """A search in one call: own functions, NumPy ones, many keys, restarts."""
 
+import inspect
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
@@ -208,12 +209,22 @@ def from_numpy(fn: Callable[[PyTree, PyTree], Any]) -> Callable[[PyTree, PyTree]
         fn: `fn(y, args)`, a number, of NumPy arrays.
 
     Each generation leaves the compiled program and calls Python once for every candidate, one after
-    the other, which takes far longer than a cheap `fn` itself. Who computes a whole population at
-    once is better served by `ask` and `tell`. Make it once: another one is compiled anew.
+    the other, which takes far longer than a cheap `fn` itself. To compute a whole population at
+    once, use `ask` and `tell`. Make it once: another one is compiled anew.
+
+    Raises `InputError` for a function that does not take `y` and `args`.
 
     >>> bool(from_numpy(lambda y, args: np.sum(y**2))(jnp.ones(3), None) == 3)
     True
     """
+
+    try:
+        inspect.signature(fn).bind(None, None)
+    except TypeError as error:
+        raise InputError("`fn` has to take `y` and `args`: def fn(y, args)") from error
+    except ValueError:
+        # Some built-in functions have no signature.
+        pass
 
     def objective(y: PyTree, args: PyTree) -> Array:
         arrays, rest = eqx.partition(args, eqx.is_array)

@@ -233,9 +233,9 @@ def show(*results: Result | str | Path, names: tuple[str, ...] = ()) -> SideBySi
     names = names or _names(loaded)
     if len({*names}) != len(loaded):
         raise InputError(f"the names {', '.join(names)} are not {len(loaded)} different ones")
-    have_tables = all(result.over for result in loaded)
+    constant = [name for name, result in zip(names, loaded, strict=True) if not result.over]
     are_apart = len({result.fit.tables.elements for result in loaded}) > 1
-    shown = loaded if have_tables else [result.without_tables() for result in loaded]
+    shown = [result.without_tables() for result in loaded] if constant else loaded
     fits = [result.fit for result in shown]
     ranges = [fit.mean_soc if fit.is_over_soc else None for fit in fits]
     means_soc = _common(ranges)
@@ -266,7 +266,7 @@ def show(*results: Result | str | Path, names: tuple[str, ...] = ()) -> SideBySi
         are_apart=are_apart,
         extents=dict.fromkeys(map(soc_extent, filter(None, means_soc))),
         is_common=means_soc != ranges,
-        have_tables=have_tables,
+        constant=constant,
     )
     return SideBySide(report, differing, too_wide)
 

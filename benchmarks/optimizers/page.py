@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -132,13 +133,13 @@ def errors_and_times(results: Results) -> list[str]:
     ]
 
 
+@rc_context({"font.size": 14})
 def ecdf_figure(sections: dict[str, dict[str, Any]], spent: NDArray) -> Figure:
     """Share of targets reached against evaluations a dimension, a panel a suite."""
     suites = {name: Results(section["rows"]) for name, section in sections.items()}
-    columns = min(4, len(suites))
-    rows = -(-len(suites) // columns)
-    figure = Figure(figsize=(max(8, 4 * columns), 1 + 3.5 * rows), layout="constrained")
-    panels = figure.subplots(rows, columns, squeeze=False, sharey=True).ravel()
+    rows = -(-len(suites) // 2)
+    figure = Figure(figsize=(8, 1.5 + 2.8 * rows), layout="constrained")
+    panels = figure.subplots(rows, 2, squeeze=False, sharey=True).ravel()
     for axes in panels[len(suites) :]:
         axes.remove()
     for axes, (title, results), section in zip(
@@ -153,7 +154,7 @@ def ecdf_figure(sections: dict[str, dict[str, Any]], spent: NDArray) -> Figure:
         axes.set(xscale="log", title=title, xlabel="evaluations / dimension", xlim=(spent[0], most))
         axes.grid(alpha=0.3)
     figure.supylabel("share of targets reached")
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=6)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure
 
 

@@ -11,15 +11,15 @@ from .draws import normal
 from .population import AbstractPopulationMinimiser, where_else
 from .swarm import Box, Swarm, sort_by_loss
 
-# Spread of scales (Cauchy) and of crossover rates (normal) about the remembered ones (SHADE).
+# Spread of scales (Cauchy) and of crossover rates (normal) around the remembered ones (SHADE).
 SPREAD = 0.1
 # A best loss that falls by no more than this share of itself stagnates.
 FLAT = 1e-9
 
 
 class Chances(NamedTuple):
-    """The draws of one generation, uniform in [0, 1): by offspring, and by dimension too; `normal`
-    are normal numbers, `fresh` the positions of a population to restart with."""
+    """The draws of one generation, uniform in [0, 1): by offspring, and also by dimension; `normal`
+    are normal numbers, `fresh` the positions of a population for a restart."""
 
     uniform: Float[Array, "draws offspring"]
     kept: Float[Array, "offspring dims"]
@@ -28,8 +28,8 @@ class Chances(NamedTuple):
 
 
 class Brood(NamedTuple):
-    """Of every offspring its mother's rank, its scale and crossover rate, and the shell that its
-    mother leaves where it replaces her."""
+    """For every offspring the rank of its mother, its scale and crossover rate, and the shell that
+    its mother leaves if it replaces her."""
 
     mother: Int[Array, "offspring"]
     scale: Float[Array, "offspring"]
@@ -107,7 +107,7 @@ class AdaptiveMating(AbstractPopulationMinimiser):
         return self._begun(sort_by_loss(swarm), jnp.array(0))
 
     def _begun(self, swarm: Swarm, generation: Generation) -> Swarm:
-        """A population with a history that begins."""
+        """A population with a new history."""
         dtype, count = swarm.positions.dtype, self._offspring
         nobody = jnp.zeros(count, jnp.int32)
         brood = Brood(nobody, jnp.zeros(count, dtype), jnp.zeros(count, dtype), nobody)
@@ -216,7 +216,7 @@ class AdaptiveMating(AbstractPopulationMinimiser):
         return (generation - history.restart) / jnp.maximum(1, self.iterations - history.restart)
 
     def _living(self, generation: Generation, history: History) -> Int[Array, ""]:
-        """Of the population, how many live in a generation."""
+        """How many of the population live in a generation."""
         if not self.is_shrinking:
             return jnp.int32(self.population)
         least = min(4, self.population)

@@ -1,9 +1,8 @@
 """A search step by step: its state, its stops, and the functions `ask` and `tell`.
 
-An algorithm says how a first population is laid out (`start`, `prepare`), what of a generation is
-random (`draw`), how new positions are proposed (`propose`) and which candidates live on
-(`survive`). Bounds, keys, losses that are not finite, counting, stops and the history are settled
-here, once.
+An algorithm defines the first population (`start`, `prepare`), the random numbers of a generation
+(`draw`), new positions (`propose`) and the survivors (`survive`). Bounds, keys, losses that are not
+finite, counting, stops and the history are handled here, once.
 """
 
 import abc
@@ -28,7 +27,7 @@ Proposal = tuple[Float[Array, "offspring dims"], PyTree]
 
 
 class Stop(eqx.Module):
-    """When a search ends before its `iterations` are over; None is never.
+    """When a search ends before its `iterations` are over; None for never.
 
     Attributes:
         target: At a best loss of this or less.
@@ -117,7 +116,7 @@ class AbstractPopulationSearch(eqx.Module):
     stop: Stop = field(default=NEVER, kw_only=True)
 
     def start(self, key: Key[Array, ""], box: Box, dtype: Any) -> Float[Array, "candidates dims"]:
-        """The initial positions, `population` of them; by default at random all over the box."""
+        """The initial positions, `population` of them; by default uniform random in the box."""
         return box.scale(jr.uniform(key, (self.population, len(box.lower)), dtype))
 
     @abc.abstractmethod
@@ -126,7 +125,7 @@ class AbstractPopulationSearch(eqx.Module):
 
     @abc.abstractmethod
     def draw(self, key: Key[Array, ""], generation: Generation, box: Box) -> PyTree:
-        """All that is random in `generation` (1 to `iterations`), whatever the swarm is like."""
+        """All random numbers of `generation` (1 to `iterations`), independent of the swarm."""
 
     @abc.abstractmethod
     def propose(self, drawn: PyTree, swarm: Swarm, generation: Generation, box: Box) -> Proposal:
@@ -134,8 +133,8 @@ class AbstractPopulationSearch(eqx.Module):
 
     @abc.abstractmethod
     def survive(self, swarm: Swarm, offspring: Swarm, generation: Generation) -> Swarm:
-        """The survivors of `generation`, of the parents and their evaluated offspring, which bring
-        the new memory."""
+        """The survivors of `generation`, from the parents and their evaluated offspring, with the
+        new memory."""
 
     def begin(
         self,
@@ -177,8 +176,8 @@ class AbstractPopulationSearch(eqx.Module):
     ) -> tuple[Float[Array, "candidates dims"], PopulationState]:
         """The positions to evaluate next, and the state that `tell` takes with their losses.
 
-        The first are the first population. `drawn` are the generation's numbers, where they were
-        drawn before; by default they are drawn here.
+        The first positions are the first population. `drawn` are the generation's random numbers,
+        if they already exist; by default they are drawn here.
         """
         swarm, generation = state.swarm, state.generation + 1
         if state.is_new:
@@ -196,10 +195,10 @@ class AbstractPopulationSearch(eqx.Module):
         losses: Float[Array, "candidates"],
         aux: PyTree = None,
     ) -> PopulationState:
-        """The state after the positions that `ask` gave were evaluated.
+        """The state after the positions from `ask` were evaluated.
 
-        A loss that is not finite counts as infinite, and as a failure. Of `aux`, a row for every
-        position, the best one's is kept.
+        A loss that is not finite counts as infinite, and as a failure. Of `aux`, with a row for
+        every position, the best one's row is kept.
         """
         losses = jnp.asarray(losses)
         if losses.shape != (len(positions),):
@@ -219,7 +218,7 @@ class AbstractPopulationSearch(eqx.Module):
             latest = jax.tree.map(lambda new, old: jnp.where(better, new, old), latest, before)
             offspring = Swarm(positions, losses, state.swarm.memory)
             swarm = self.survive(state.swarm, offspring, generation)
-            # Who asks for more than `iterations` has the last of them at the history's end.
+            # Beyond `iterations`, the last entry of the history is overwritten.
             end = jnp.minimum(generation, self.iterations)
             history = state.history.at[end].set(latest[1], mode="promise_in_bounds")
         best_position, best_loss, best_aux = latest
@@ -237,8 +236,8 @@ class AbstractPopulationSearch(eqx.Module):
         )
 
     def is_over(self, state: PopulationState) -> Bool[Array, ""]:
-        """True if the search has spent its generations, or has come to its `stop`. Beside
-        `max_evaluations`, compile it too: it traces a generation to count what that evaluates."""
+        """True if the search has spent its generations, or has reached its `stop`. With
+        `max_evaluations`, compile it too: it traces a generation to count its evaluations."""
         stop, best = self.stop, state.best_loss
         over = state.generation >= self.iterations
         if stop.target is not None:
@@ -289,7 +288,7 @@ def require_order(lower: Any, upper: Any) -> None:
     shapes = np.shape(lower), np.shape(upper)
     if shapes[0] != shapes[1] and () not in shapes:
         raise InputError(f"the bounds have the shapes {shapes[0]} and {shapes[1]}; give one shape")
-    # Bounds that are traced have no value yet.
+    # Traced bounds have no values yet.
     if any(isinstance(end, Tracer) for end in (lower, upper)):
         return
     if np.any(np.asarray(lower) > np.asarray(upper)):

@@ -18,7 +18,7 @@ MatingFactor = Literal["normal", "uniform", "one"]
 
 
 class Chances(NamedTuple):
-    """The draws of one generation; the father of mother k ranks as `lots[k]` does."""
+    """The draws of one generation; the father of mother k has the rank of `lots[k]`."""
 
     lots: UInt32[Array, "candidates"]
     factor: Float[Array, "#candidates dims"]

@@ -17,14 +17,13 @@ _PARITY = np.uint32(0x1BD11BDA)
 
 
 def written_out(key: Key[Array, "*keys"]) -> Key[Array, "*keys"]:
-    """The key as one whose numbers are those of `jax.random` for `key`, only sooner.
+    """The key as one whose numbers are those of `jax.random` for `key`, but computed faster.
 
-    They are those of JAX's default setting, `jax_threefry_partitionable`. Keys of other kinds than
-    its default are left as they are. JAX's own rounds are a loop, which keeps a draw from being
-    compiled together with what uses it: `bmo` on an objective with a key of its own (13
-    candidates, 60 generations, 2 searches, two CPU cores) takes 4.7 s of processor time from the
-    first call to its answer with these, 11.1 s with JAX's. Long searches without such keys run
-    as fast with either.
+    They are those of JAX's default setting, `jax_threefry_partitionable`. Keys of other kinds are
+    left unchanged. JAX's own rounds are a loop, which keeps a draw from being compiled together
+    with its use: `bmo` on an objective with its own key (13 candidates, 60 generations, 2 searches,
+    two CPU cores) takes 4.7 s of processor time from the first call to its answer with these, 11.1
+    s with JAX's. Long searches without such keys are equally fast with both.
 
     >>> key = jr.key(0)
     >>> bool(jr.uniform(written_out(key)) == jr.uniform(key))
@@ -100,11 +99,12 @@ TentBranch = Literal["state", "random"]
 def tent_map(
     key: Key[Array, ""], population: int, dims: int, branch: TentBranch, dtype: Any
 ) -> Float[Array, "candidates dims"]:
-    """Tent sequences (Li et al., 2023, Eq. 13): a seed a candidate, iterated along the dimensions.
+    """Tent sequences (Li et al., 2023, Eq. 13): one seed per candidate, iterated along the
+    dimensions.
 
-    `branch="state"` takes the branch by the value itself, which keeps the sequence uniform in
-    [0, 1]. `"random"` takes it by an independent random number, as the equation is printed; then
-    most values leave [0, 1] and end on the bounds once clipped.
+    `branch="state"` takes the branch by the value itself, which keeps the sequence uniform in [0,
+    1]. `"random"` takes it by an independent random number, as the equation is printed; then most
+    values leave [0, 1] and end on the bounds once clipped.
     """
     seed_key, branch_key = jr.split(key)
     # 0 and 1 are fixed points of the map, so the seed stays strictly inside.
@@ -135,7 +135,7 @@ def levy_step(
 def normal(key: Key[Array, ""], shape: tuple[int, ...], dtype: Any) -> Float[Array, "..."]:
     """Standard normal numbers, with the resolution of single precision whatever the dtype.
 
-    Where only their distribution counts, that is enough, and three times faster than jax.random's
-    in double precision. None exceeds 5.5.
+    If only their distribution matters, that suffices, and is three times faster than jax.random in
+    double precision. None exceeds 5.5.
     """
     return jr.normal(key, shape, jnp.float32).astype(dtype)

@@ -14,7 +14,7 @@ from .swarm import Box, Swarm, keep_best
 
 
 class Mating(NamedTuple):
-    """One generation's numbers: who fights for parenthood, chances, shares and mutations."""
+    """One generation's random numbers: tournaments, chances, shares and mutations."""
 
     rivals: Int[Array, "2 2 candidates"]
     crosses: Float[Array, "candidates 1"]
@@ -55,7 +55,7 @@ class AdaptiveGenetic(AbstractSortedSearch):
 
     def propose(self, drawn: Mating, swarm: Swarm, generation: Generation, box: Box) -> Proposal:
         positions = swarm.positions
-        # Candidates are sorted, so the better of some is the one of the smallest number.
+        # Candidates are sorted, so the best of several has the smallest index.
         first, second = jnp.min(drawn.rivals, axis=1)
         share = badness(swarm.losses)
         best_parent = share[jnp.minimum(first, second)][:, None]
@@ -71,10 +71,10 @@ class AdaptiveGenetic(AbstractSortedSearch):
 
 
 class Season(NamedTuple):
-    """One generation's numbers: of either half of an ecosystem's iteration.
+    """One generation's random numbers, for either half of an ecosystem's iteration.
 
     A consumer moves by `from_producer` and `from_other` times its distance from the producer and
-    from a worse consumer, `other`. What decays ends at `best + to_best * best + away * itself`.
+    from a worse consumer, `other`. Decay ends at `best + to_best * best + away * itself`.
     """
 
     producer: Float[Array, "dims"]
@@ -109,7 +109,7 @@ class Ecosystem(AbstractSortedSearch):
         wander = (1 - half.astype(dtype) / ((self.iterations + 1) // 2)) * wander[0, 0]
         factor = 0.5 * top / jnp.abs(bottom)
         on_producer = jnp.where(diet >= 2 / 3, share, (diet < 1 / 3).astype(dtype))
-        # Sorted, so the worse are those after; the last consumer has only the producer to eat.
+        # Sorted, so the worse ones come after; the last consumer only has the producer to eat.
         rank = jnp.arange(self.population)[:, None]
         worse = self.population - 2 - rank
         on_producer = jnp.where(worse <= 0, 1, on_producer)
@@ -157,7 +157,7 @@ class SunflowerSearch(AbstractSortedSearch):
     longest_step: float = 0.1
 
     def draw(self, key: Key[Array, ""], generation: Generation, box: Box) -> tuple[Array, Array]:
-        """How far each plant steps, and who is born."""
+        """How far each plant steps, and which seeds fall."""
         step_key, born_key = jr.split(key)
         shape, dtype = (self.population, len(box.lower)), box.lower.dtype
         return jr.uniform(step_key, shape, dtype), box.scale(jr.uniform(born_key, shape, dtype))

@@ -1,4 +1,4 @@
-"""Searches that follow the best met so far: whales, seagulls, sailfish and grey wolves."""
+"""Searches that follow the best candidates so far: whales, seagulls, sailfish and grey wolves."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -25,7 +25,7 @@ from .swarm import (
 
 
 class AbstractLedSearch(AbstractPopulationMinimiser):
-    """All candidates move on in every generation; only the best ever met is remembered."""
+    """All candidates move in every generation; only the best so far is remembered."""
 
     def prepare(self, swarm: Swarm, box: Box) -> Swarm:
         return Swarm(swarm.positions, swarm.losses, best_of(swarm))
@@ -36,10 +36,11 @@ class AbstractLedSearch(AbstractPopulationMinimiser):
 
 
 class Swim(NamedTuple):
-    """One generation's numbers: one of each a whale, and whom it follows in each dimension.
+    """One generation's random numbers: one of each per whale, and the whale it follows in each
+    dimension.
 
-    A whale ends at `leader + step * |weight * leader - position|`; its leader is a random whale
-    where `follows_random`, else the best. On a spiral the weight is one.
+    A whale ends at `leader + step * |weight * leader - position|`; its leader is a random whale if
+    `follows_random`, else the best. On a spiral the weight is one.
     """
 
     step: Float[Array, "candidates 1"]
@@ -69,9 +70,9 @@ class WhaleSearch(AbstractLedSearch):
         turn = 1 - (2 + progress) * numbers[2]
         shape = (self.population, columns)
         whales = jr.randint(whale_key, shape, 0, self.population, jnp.int32)
-        # Told apart here, spiral and circle are one formula below: were both computed there to
-        # choose from, the compiler would round their products differently from one number of
-        # searches to another.
+        # Distinguished here, spiral and circle are one formula below: if both were computed there
+        # to choose from, the compiler would round their products differently depending on the
+        # number of searches.
         spiral = jnp.exp(turn) * jnp.cos(2 * jnp.pi * turn)
         is_spiral = numbers[3] >= 0.5
         circle = a - 2 * a * numbers[0]
@@ -90,7 +91,8 @@ class WhaleSearch(AbstractLedSearch):
 
 
 class Glide(NamedTuple):
-    """One generation's numbers: A of each gull, the factor of its spiral, and F of them all."""
+    """One generation's random numbers: A of each gull, the factor of its spiral, and the common
+    F."""
 
     step: Float[Array, "candidates #dims"]
     spiral: Float[Array, "candidates #dims"]
@@ -158,7 +160,7 @@ class SailfishSearch(AbstractPopulationMinimiser):
         return Swarm(swarm.positions, swarm.losses, best_of(sailfish))
 
     def draw(self, key: Key[Array, ""], generation: Generation, box: Box) -> Array:
-        # Each fish has two numbers of its own and two rows of numbers, one a dimension.
+        # Each fish has two numbers of its own and two rows of numbers, one per dimension.
         shape = (self.population, 2 + 2 * len(box.lower))
         return jr.uniform(key, shape, box.lower.dtype)
 
@@ -215,7 +217,7 @@ class SailfishSearch(AbstractPopulationMinimiser):
 
 
 def random_subset(numbers: Float[Array, "items"], share: Array) -> Bool[Array, "items"]:
-    """A random subset of `share` of the items, rounded down: those of the smallest numbers."""
+    """A random subset of `share` of the items, rounded down: those with the smallest numbers."""
     return ranks(numbers).astype(numbers.dtype) < jnp.floor(share * len(numbers))
 
 
@@ -258,7 +260,7 @@ def hunt(
     generation: Generation,
     iterations: int,
 ) -> Float[Array, "candidates dims"]:
-    """The next place of the pack: the mean of one place about each leader (Eq. 3.5 to 3.7).
+    """The next positions of the pack: the mean of one position around each leader (Eq. 3.5 to 3.7).
 
     `numbers` are uniform in [0, 1).
     """
@@ -271,28 +273,30 @@ def hunt(
 
 
 def without_leaders(swarm: Swarm) -> Swarm:
-    """The pack before its first leaders: every wolf beats those."""
+    """The pack before its first leaders: every wolf is better than those."""
     nobody = Swarm(swarm.positions[:3], jnp.full_like(swarm.losses[:3], jnp.inf))
     return Swarm(swarm.positions, swarm.losses, nobody)
 
 
 def follow(swarm: Swarm, choose: Callable[[Swarm, Swarm], Swarm]) -> Swarm:
-    """The pack with the leaders chosen from its old ones, which are its memory, and its wolves."""
+    """The pack with the leaders chosen from its previous ones, which are its memory, and its
+    wolves."""
     return Swarm(swarm.positions, swarm.losses, choose(swarm.memory, swarm))
 
 
 def three_best(leaders: Swarm, swarm: Swarm) -> Swarm:
-    """The three best of the old leaders and the swarm, in order."""
+    """The three best of the previous leaders and the swarm, in order."""
     both = joined(leaders, swarm)
     return both.at(best_first(both.losses, 3))
 
 
 def replace_leaders(leaders: Swarm, swarm: Swarm) -> Swarm:
-    """The leaders after the authors' loop over the wolves: who is beaten leaves the pack's head.
+    """The leaders after the authors' loop over the wolves: a replaced leader does not move down a
+    rank.
 
-    The loop takes the wolves one by one: better than alpha, a wolf becomes alpha; else, worse
-    than alpha and better than beta, it becomes beta; and so on. Running minima say the same for
-    all wolves at once.
+    The loop takes the wolves one by one: better than alpha, a wolf becomes alpha; else, worse than
+    alpha and better than beta, it becomes beta; and so on. Running minima give the same for all
+    wolves at once.
     """
     losses = swarm.losses
     alpha_so_far = jnp.minimum(lax.cummin(losses), leaders.losses[0])
@@ -371,7 +375,7 @@ def learn_from_neighbors(
     positions: Float[Array, "candidates dims"],
     hunted: Float[Array, "candidates dims"],
 ) -> Float[Array, "candidates dims"]:
-    """Steps along the difference of a random neighbor and a random wolf, anew in every dimension.
+    """Steps along the difference of a random neighbor and a random wolf, drawn for every dimension.
 
     Neighbors are the wolves no farther than the hunt would have taken this one (Eq. 10 to 12).
     `numbers`, uniform in [0, 1), choose the neighbor, the wolf and the length of the step.

@@ -1,6 +1,6 @@
 """The one population minimiser: the vmap over candidates and the loop over generations.
 
-Every algorithm is an `optimistix.AbstractMinimiser` made of its `begin`, `ask` and `tell`, so
+Every algorithm is an `optimistix.AbstractMinimiser` made of its `begin`, `ask` and `tell`, so that
 `optimistix.minimise` runs it.
 """
 
@@ -28,8 +28,8 @@ from .ask_tell import (
 )
 from .swarm import Box, Swarm, better_of_each, sort_by_loss
 
-# Random numbers are drawn for several generations at once, up to so many in all: large loops over
-# numbers run faster than small ones, until they leave the processor's cache.
+# Random numbers are drawn for several generations at once, up to this many in total: large loops
+# over numbers are faster than small ones, until they exceed the processor's cache.
 DRAWN_AT_ONCE = 8192
 
 
@@ -57,7 +57,7 @@ class AbstractPopulationMinimiser(AbstractPopulationSearch, optx.AbstractMinimis
     infinite the result is `RESULTS.nonfinite`.
     """
 
-    # Optimistix asks for these three; here `stop` ends a run, so they are no settings.
+    # Optimistix requires these three; here `stop` ends a run, so they are not settings.
     if TYPE_CHECKING:
         rtol: float = field(default=0.0, init=False)
         atol: float = field(default=0.0, init=False)
@@ -85,13 +85,13 @@ class AbstractPopulationMinimiser(AbstractPopulationSearch, optx.AbstractMinimis
 
     def step(self, fn, y, args, options, state: PopulationState, tags):
         del tags
-        # Optimistix keeps numbers only, so the key is not in the states that it sees.
+        # Optimistix only keeps numbers, so the key is not in the states that it sees.
         state = replace(state, key=as_key(options["key"]))
         if not options.get("in_one_step", False):
             positions, asked = self.ask(state)
             state = self._evaluated(fn, positions, asked, y, args, options)
             return y, replace(state, key=None), state.best_aux
-        # A constant keeps the counts of searches beside each other one number.
+        # A constant keeps the counts of parallel searches a single number.
         box, count, state = state.box, self.iterations, replace(state, generation=jnp.array(0))
 
         def draw(generation):
@@ -123,9 +123,9 @@ class AbstractPopulationMinimiser(AbstractPopulationSearch, optx.AbstractMinimis
                 (done, state, positions),
             )
 
-        # What is drawn and what is proposed each pass from one turn of a loop to the next, that
-        # is, through memory. Within a turn the compiler would compute both again wherever they
-        # are used, at a cost, and with last bits that depend on the searches beside this one.
+        # Both the drawn numbers and the proposed positions pass from one turn of a loop to the
+        # next, that is, through memory. Within a turn the compiler would compute both again
+        # wherever they are used, at a cost, and with last bits that depend on parallel searches.
         positions, state = self.ask(state, draw(jnp.array(1)))
         _, state, _ = lax.while_loop(
             lambda carry: goes_on(carry[0], count, carry[1]),
@@ -140,7 +140,7 @@ class AbstractPopulationMinimiser(AbstractPopulationSearch, optx.AbstractMinimis
         return max(1, min(DRAWN_AT_ONCE // numbers, self.iterations))
 
     def _evaluated(self, fn, positions, state, y, args, options) -> PopulationState:
-        """The state after `fn` was evaluated at the positions that were asked for."""
+        """The state after `fn` was evaluated at the requested positions."""
         _, unravel = ravel_pytree(y)
         if options.get("keyed_objective", False):
             asked = state.generation + (not state.is_new)
@@ -153,7 +153,7 @@ class AbstractPopulationMinimiser(AbstractPopulationSearch, optx.AbstractMinimis
             losses, aux = jax.vmap(lambda x: fn(unravel(x), args))(positions)
         was_over, state = self.is_over(state), self.tell(state, positions, losses, aux)
         if (callback := options.get("callback")) is not None:
-            # A search that is over goes on beside others that are not.
+            # A finished search continues alongside others that are not.
             def report(is_over, *spent):
                 return None if is_over else callback(*spent)
 
@@ -185,8 +185,8 @@ class AbstractPopulationMinimiser(AbstractPopulationSearch, optx.AbstractMinimis
 
 
 class AbstractSortedSearch(AbstractPopulationMinimiser):
-    """A search whose candidates stand in the order of their losses, the best first; each is
-    replaced by its own offspring where that is better."""
+    """A search whose candidates are in the order of their losses, the best first; each is replaced
+    by its own offspring if that is better."""
 
     def prepare(self, swarm: Swarm, box: Box) -> Swarm:
         return sort_by_loss(swarm)
@@ -197,7 +197,7 @@ class AbstractSortedSearch(AbstractPopulationMinimiser):
 
 @jax.custom_batching.custom_vmap
 def _any_of_all(claim: Bool[Array, ""]) -> Bool[Array, ""]:
-    """The claim of one search; of many beside each other, that of any: one number for them all."""
+    """The claim of one search; for parallel searches, that of any: one number for them all."""
     return claim
 
 

@@ -1,4 +1,4 @@
-"""Particle swarms: PSO, and three forms that batteries were identified with."""
+"""Particle swarms: PSO, and three variants used for battery identification."""
 
 from dataclasses import field
 from typing import Any
@@ -14,7 +14,7 @@ from .swarm import Box, Swarm, best_of, better_of_each
 
 
 class Flight(eqx.Module):
-    """The memory of particles: velocities, and the best place of each."""
+    """The memory of particles: velocities, and the best position of each."""
 
     velocities: Float[Array, "candidates dims"]
     best: Swarm
@@ -24,7 +24,7 @@ class Flight(eqx.Module):
         return Flight(jnp.zeros_like(swarm.positions), swarm)
 
     def landed(self, swarm: Swarm) -> "Flight":
-        """The memory after a swarm was evaluated; only a strictly better place is remembered."""
+        """The memory after a swarm was evaluated; only a strictly better position is remembered."""
         return Flight(self.velocities, better_of_each(self.best, swarm))
 
     @property
@@ -40,7 +40,8 @@ def fly(
     guides: Float[Array, "#candidates dims"],
     limit: Float[Array, "dims"] | float,
 ) -> Flight:
-    """The memory with new velocities: the old, and pulls toward the own best place and a guide."""
+    """The memory with new velocities: the old ones, and pulls toward the particle's best position
+    and a guide."""
     to_memory, to_guide = pulls
     velocities = (
         inertia * flight.velocities
@@ -52,7 +53,7 @@ def fly(
 
 
 class AbstractFlyingSwarm(AbstractPopulationMinimiser):
-    """A search whose particles always move on, and remember the best place each has been.
+    """A search whose particles always move on, and remember their best positions.
 
     The inertia falls linearly from `inertia_start` to `inertia_end`; the velocity limit is
     `velocity_fraction` of the box's width.
@@ -121,7 +122,7 @@ def apso(population: int = 30, iterations: int = 500) -> ParticleSwarm:
 
 
 def badness(losses: Float[Array, "candidates"]) -> Float[Array, "candidates"]:
-    """Each loss between the least (0) and the mean of the finite ones (1), 1 above it."""
+    """Each loss on a scale from the least (0) to the mean of the finite ones (1), 1 above it."""
     is_finite = jnp.isfinite(losses)
     above = jnp.where(is_finite, losses - jnp.min(losses), 0)
     mean = jnp.sum(above) / jnp.maximum(jnp.sum(is_finite.astype(losses.dtype)), 1)
@@ -146,7 +147,7 @@ class MixedSwarm(AbstractFlyingSwarm):
     exploring_pull: float = field(default=1.5, kw_only=True)
 
     def draw(self, key: Key[Array, ""], generation: Generation, box: Box) -> tuple[Array, Array]:
-        """The weights of both pulls, and whom each explorer follows."""
+        """The weights of both pulls, and the particle that each explorer follows."""
         weight_key, followed_key = jr.split(key)
         shape, dtype = (2, self.population, len(box.lower)), box.lower.dtype
         pull = jnp.where(self._explores(), self.exploring_pull, self.pull).astype(dtype)
@@ -171,7 +172,7 @@ class MixedSwarm(AbstractFlyingSwarm):
 
 
 class Species(eqx.Module):
-    """Sub-swarms, and the context: the best circuit any of them has made with the others."""
+    """Sub-swarms, and the context: the best candidate that any of them has made with the others."""
 
     flight: Flight
     context: Swarm

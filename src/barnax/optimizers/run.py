@@ -1,4 +1,4 @@
-"""A search in one call: own functions, NumPy ones, many keys, restarts."""
+"""A search in one call: the user's functions, NumPy ones, many keys, restarts."""
 
 import inspect
 from collections.abc import Callable

@@ -1,11 +1,11 @@
-"""Candidates in a box: swarms, their order by loss, and who of them is kept."""
+"""Candidates in a box: swarms, their order by loss, and which of them are kept."""
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PyTree, Shaped
 
-# Up to so many numbers, counting for each how many come before it is several times faster than
-# sorting: the comparisons run side by side, on every device.
+# Up to this many numbers, counting for each how many come before it is several times faster than
+# sorting: the comparisons run in parallel, on every device.
 COUNTED = 256
 
 
@@ -27,7 +27,8 @@ class Box(eqx.Module):
         moved: Float[Array, "candidates dims"],
         start: Float[Array, "candidates dims"],
     ) -> Float[Array, "candidates dims"]:
-        """The positions, with coordinates that left the box halfway from the start to its end."""
+        """The positions, with coordinates outside the box moved halfway from the start to its
+        end."""
         passed = jnp.where(moved < self.lower, self.lower, self.upper)
         is_out = (moved < self.lower) | (moved > self.upper)
         return jnp.where(is_out, (passed + start) / 2, moved)
@@ -40,14 +41,14 @@ class Box(eqx.Module):
 
 
 class Swarm(eqx.Module):
-    """Candidates and their losses; `memory` is what one algorithm carries beside them."""
+    """Candidates and their losses; `memory` is the additional state of an algorithm."""
 
     positions: Float[Array, "candidates dims"]
     losses: Float[Array, "candidates"]
     memory: PyTree = None
 
     def at(self, rows: Int[Array, "rows"] | slice) -> "Swarm":
-        """Some of the candidates, and the memory."""
+        """Some of the candidates, with the memory."""
         return Swarm(self.positions[rows], self.losses[rows], self.memory)
 
 
@@ -60,7 +61,7 @@ def joined(first: Swarm, second: Swarm) -> Swarm:
 
 
 def ranks(values: Shaped[Array, "items"]) -> Int[Array, "items"]:
-    """The place of every item in ascending order, from 0; equal items keep their order."""
+    """The rank of every item in ascending order, from 0; equal items keep their order."""
     if len(values) > COUNTED:
         return jnp.argsort(jnp.argsort(values, stable=True))
     index = jnp.arange(len(values), dtype=jnp.int32)
@@ -73,7 +74,7 @@ def ranks(values: Shaped[Array, "items"]) -> Int[Array, "items"]:
 
 
 def items_at_ranks(ranks: Int[Array, "items"], count: int) -> Int[Array, "count"]:
-    """The items that hold the ranks 0 to `count - 1`: the inverse of the permutation `ranks`."""
+    """The items with the ranks 0 to `count - 1`: the inverse of the permutation `ranks`."""
     if len(ranks) > COUNTED:
         return jnp.argsort(ranks)[:count]
     item = jnp.arange(len(ranks), dtype=jnp.int32)
@@ -82,7 +83,7 @@ def items_at_ranks(ranks: Int[Array, "items"], count: int) -> Int[Array, "count"
 
 
 def best_first(losses: Float[Array, "candidates"], count: int) -> Int[Array, "count"]:
-    """The `count` candidates of smallest loss, in order; equal losses keep theirs."""
+    """The `count` candidates with the smallest loss, in order; equal losses keep their order."""
     return items_at_ranks(ranks(losses), count)
 
 
@@ -108,7 +109,7 @@ def keep_best(swarm: Swarm, offspring: Swarm, population: int) -> Swarm:
 
 
 def replaced(is_replaced: Bool[Array, "candidates"], new: Swarm, old: Swarm) -> Swarm:
-    """The old candidates, but for those that are replaced by the new ones at their places."""
+    """The old candidates, with new ones in place of those at these indices."""
     return Swarm(
         jnp.where(is_replaced[:, None], new.positions, old.positions),
         jnp.where(is_replaced, new.losses, old.losses),
@@ -116,7 +117,7 @@ def replaced(is_replaced: Bool[Array, "candidates"], new: Swarm, old: Swarm) -> 
 
 
 def better_of_each(swarm: Swarm, offspring: Swarm) -> Swarm:
-    """Every candidate, or its own offspring where that is strictly better."""
+    """Every candidate, or its own offspring if that is strictly better."""
     return replaced(offspring.losses < swarm.losses, offspring, swarm)
 
 

@@ -168,19 +168,14 @@ def _identified_pack(cell: FleetCell, settings: Options) -> Pack:
 
 def pack_rows(pack: Pack, name: str) -> list[Row]:
     """The rows of a pack's cells, as a fleet's dataset has them."""
-    rows, result = [], pack.result
-    samples = result.metrics.identification.samples
+    rows = []
+    first: Row = {"error": None, "error code": None, "circuit": pack.result.model, "pack": name}
+    first["samples"] = pack.result.metrics.identification.samples
+    last: Row = {"answer": "tables over SOC", "certified": False, "at bound": ""}
     for cell_row, fitted in zip(pack.rows(), pack.fit.cells, strict=True):
         plain = str(cell_row.pop("cell")).replace("/", "-").replace("\\", "-")
-        row: Row = {"id": f"{name} {plain}", "error": None, "error code": None}
-        row |= {"circuit": result.model, "pack": name, "samples": samples}
-        row |= {**cell_row, **fitted.tables.constants}
-        row |= {
-            "answer": "tables over SOC",
-            "certified": False,
-            "at bound": "",
-            **_warning_columns([]),
-        }
+        values = {**cell_row, **fitted.tables.constants}
+        row: Row = {"id": f"{name} {plain}", **first, **values, **last, **_warning_columns([])}
         rows.append(row)
     return rows
 

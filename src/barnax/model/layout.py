@@ -95,11 +95,10 @@ def by_last_change(
             nodes = np.array(layout.ocv_nodes if name == "correction" else layout.nodes)
             if indices.shape[1] != len(nodes) or name == "base":
                 continue
-            between = np.clip(np.searchsorted(nodes, prepared.soc, "right") - 1, 0, len(nodes) - 1)
-            left, reversed_at = np.unique(between[::-1], return_index=True)
             near_s = np.full(len(nodes), -np.inf)
-            for node in (left, np.minimum(left + 1, len(nodes) - 1)):
-                np.maximum.at(near_s, node, time_s[::-1][reversed_at])
+            for side in ("left", "right"):
+                node = np.searchsorted(nodes, prepared.soc, side) - (side == "right")
+                np.maximum.at(near_s, np.clip(node, 0, len(nodes) - 1), time_s)
             settling_s = -math.log(SETTLED) * layout.in_tau.skeleton_tau if name == "pairs" else [0]
             until_s = np.minimum(np.add.outer(settling_s, near_s), begin_s)
             last_s[indices] = np.maximum(last_s[indices], until_s)

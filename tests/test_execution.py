@@ -107,8 +107,8 @@ def test_what_the_compiler_takes_in_no_one_function_is_compiled_all_the_same():
         return in_one_function(lambda given: jax.lax.map(jnp.linalg.cholesky, given))(matrices)
 
     matrices = np.array([[[4.0, 2.0], [2.0, 5.0]]] * 3)
-    found = compile_for(factors, matrices)(matrices)
-    np.testing.assert_allclose(found, np.linalg.cholesky(matrices), rtol=1e-14)
+    actual = compile_for(factors, matrices)(matrices)
+    np.testing.assert_allclose(actual, np.linalg.cholesky(matrices), rtol=1e-14)
 
 
 @pytest.mark.parametrize("cores", ["1", "2"])
@@ -144,8 +144,8 @@ def test_an_interruption_leaves_the_waiting_blocks_unstarted(monkeypatch):
 
 def threads() -> set[int]:
     """What the libraries of linear algebra say themselves."""
-    found = ThreadpoolController().select(user_api="blas").info()
-    return {library["num_threads"] for library in found}
+    actual = ThreadpoolController().select(user_api="blas").info()
+    return {library["num_threads"] for library in actual}
 
 
 @pytest.fixture

@@ -102,26 +102,26 @@ def is_for_types(node: ast.AST) -> bool:
 def imports_of(path: Path, *, is_run: bool = False) -> set[str]:
     """What a file imports, by full name: for types and in functions too, or only what `is_run`."""
     package = module_name(path).split(".")[:-1]
-    found: set[str] = set()
+    collected: set[str] = set()
     waiting = [nodes_of(path)[0]]
     while waiting:
         node = waiting.pop()
         if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
+            collected |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             base = package[: len(package) - node.level + 1] if node.level else []
             base = base + (node.module.split(".") if node.module else [])
-            found |= {".".join([*base, alias.name]) for alias in node.names}
+            collected |= {".".join([*base, alias.name]) for alias in node.names}
         elif not (is_run and is_for_types(node)):
             waiting += ast.iter_child_nodes(node)
-    return found
+    return collected
 
 
 def units_imported(path: Path) -> set[str]:
     """The top-level modules of barnax that a file imports."""
     names = [name.split(".") for name in imports_of(path)]
-    found = {name[1] for name in names if name[0] == "barnax" and len(name) > 1}
-    return found - {"__version__", unit_of(path)}
+    actual = {name[1] for name in names if name[0] == "barnax" and len(name) > 1}
+    return actual - {"__version__", unit_of(path)}
 
 
 def foreign_imports(path: Path) -> set[str]:

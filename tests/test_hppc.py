@@ -53,7 +53,7 @@ def test_what_lies_beyond_the_test_s_ocv_is_not_scored_and_reported(asked):
     lowest = prepared.soc[prepared.scored].min()
     assert lowest == pytest.approx(1 - 1.677 / 1.88 - 0.05, abs=0.01)
     assert prepared.soc.min() >= lowest
-    assert "soc.without-ocv" in [told.code for told in prepared.warnings]
+    assert "soc.without-ocv" in [notice.code for notice in prepared.warnings]
 
 
 def test_without_any_record_it_is_the_bundled_test_validated_on_the_trips(asked):

@@ -53,9 +53,9 @@ def notices(tmp_path):
 
 def test_a_current_without_a_sign_is_a_finding_with_the_name_of_the_file(notices, bundled_record):
     measured = bundled_record
-    found = notices(measured.time_s, np.abs(measured.current_a), measured.voltage_v)
-    assert found
-    assert {each.subject for each in found} == {"drive.csv"}
+    actual = notices(measured.time_s, np.abs(measured.current_a), measured.voltage_v)
+    assert actual
+    assert {each.subject for each in actual} == {"drive.csv"}
 
 
 @pytest.mark.parametrize(
@@ -69,12 +69,12 @@ def test_a_record_that_is_small_beside_its_capacity_has_not_too_few_steps(
     measured, path = bundled_record, tmp_path / "drive.csv"
     current_a = np.where(np.arange(4000) < 10 * steps, -measured.current_a[:4000], -1.0)
     logged(measured.time_s[:4000], current_a, measured.voltage_v[:4000]).write_csv(path)
-    found = input_warnings(check_file(path, capacity_ah=capacity_ah), "identification")
+    actual = input_warnings(check_file(path, capacity_ah=capacity_ah), "identification")
     names = {"drive.csv"}
-    assert are_unfit(names, found) == is_unfit
-    assert are_unfit(names, found, by_steps=True) == by_steps
-    assert not are_unfit({*names, "other.csv"}, found)
-    assert not are_unfit(set(), found)
+    assert are_unfit(names, actual) == is_unfit
+    assert are_unfit(names, actual, by_steps=True) == by_steps
+    assert not are_unfit({*names, "other.csv"}, actual)
+    assert not are_unfit(set(), actual)
 
 
 def test_what_makes_r0_wrong_says_nothing_against_an_ocv_test():
@@ -82,13 +82,13 @@ def test_what_makes_r0_wrong_says_nothing_against_an_ocv_test():
     steps = {**ohm, "interval_s": 1.0, "missing_share": 0.5, "back_ohm": 0.01}
     gap = {"gaps": 1, "longest_s": 60.0, "longest_row": 3, "charge": "steady", "held_ah": 0.02}
     given = {"late-voltage.step": steps, "smoothed-current.back": steps, "gaps.missing": gap}
-    found = tuple(Notice(code, values) for code, values in given.items())
-    checked = FileCheck("ocv.csv", found, ())
+    actual = tuple(Notice(code, values) for code, values in given.items())
+    checked = FileCheck("ocv.csv", actual, ())
     of_test, of_record = (
         [each.code for each in input_warnings(checked, role)]
         for role in ("OCV test", "identification")
     )
-    assert of_record == [each.code for each in found]
+    assert of_record == [each.code for each in actual]
     assert of_test == ["gaps.missing"]
 
 
@@ -103,8 +103,8 @@ def test_a_fast_record_too_short_for_three_pairs_is_identified_with_two(tmp_path
     frame = pl.read_parquet(BUNDLED.validation)[:60]
     frame.with_columns(pl.col("Test Time / s") / 10).write_csv(tmp_path / "short.csv")
     quick = {"seeds": 0, "trust": "none", "folds": 0, "max_boxes": 0}
-    found = identify(tmp_path / "short.csv", ocv=BUNDLED.ocv, **quick)
-    assert "3rc" not in {each.model for each in found.candidates}
+    actual = identify(tmp_path / "short.csv", ocv=BUNDLED.ocv, **quick)
+    assert "3rc" not in {each.model for each in actual.candidates}
 
 
 def test_a_record_without_changes_of_load_is_refused_with_what_to_give(tmp_path):
@@ -120,11 +120,11 @@ def test_a_record_without_changes_of_load_is_refused_with_what_to_give(tmp_path)
 
 def test_data_frames_and_records_of_one_name_are_numbered():
     frame = pl.read_parquet(BUNDLED.record)
-    found = read([frame[:9000], frame[9000:]])
-    assert [each.name for each in found.records] == ["data frame", "data frame 2"]
-    again = [replace(each, name="log") for each in found.records]
-    found = read(again)
-    assert [each.name for each in found.records] == ["log", "log 2"]
+    actual = read([frame[:9000], frame[9000:]])
+    assert [each.name for each in actual.records] == ["data frame", "data frame 2"]
+    again = [replace(each, name="log") for each in actual.records]
+    actual = read(again)
+    assert [each.name for each in actual.records] == ["log", "log 2"]
 
 
 @pytest.mark.parametrize("given", [["a=0.25", "b=-0.5"], {"a": 0.25, "b": -0.5}])
@@ -133,6 +133,6 @@ def test_a_lag_is_given_for_one_record_by_its_name(given):
     sources = [
         source_from_frame(part, name) for part, name in ((frame[:9000], "a"), (frame[9000:], "b"))
     ]
-    found = read(sources, voltage_lag=given)
-    assert [record.voltage_lag_s for record in found.records] == [0.25, -0.5]
-    assert {record.voltage_lag_s for record in found.ocv} == {0.0}
+    actual = read(sources, voltage_lag=given)
+    assert [record.voltage_lag_s for record in actual.records] == [0.25, -0.5]
+    assert {record.voltage_lag_s for record in actual.ocv} == {0.0}

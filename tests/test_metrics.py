@@ -14,11 +14,13 @@ SIMULATED = np.array([3.1, 3.5, 3.8])
 
 
 def test_every_metric_is_that_of_its_definition():
-    found = measure(MEASURED, SIMULATED, record="a.csv")
+    actual = measure(MEASURED, SIMULATED, record="a.csv")
     # Of the paper's R2, Eq. 24 as printed: deviations 3.0, 3.5, 4.0 from 10.4 / 3.
     spread = (9 - 10.4) ** 2 / 9 + (10.5 - 10.4) ** 2 / 9 + (12 - 10.4) ** 2 / 9
-    assert found.record == "a.csv"
-    numbers = {name: value for name, value in vars(found).items() if isinstance(value, float | int)}
+    assert actual.record == "a.csv"
+    numbers = {
+        name: value for name, value in vars(actual).items() if isinstance(value, float | int)
+    }
     assert numbers == pytest.approx(
         {
             "rmse_v": np.sqrt(0.05 / 3),

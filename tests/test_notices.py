@@ -24,15 +24,15 @@ def literals(node: ast.expr) -> list[str]:
 
 def codes_made() -> set[str]:
     """The codes that calls name."""
-    found: set[str] = set()
+    collected: set[str] = set()
     for path in MODULES:
         for node in nodes_of(path):
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name | ast.Attribute):
                 name = node.func.id if isinstance(node.func, ast.Name) else node.func.attr
                 place = MAKERS.get(name)
                 if place is not None and len(node.args) > place:
-                    found |= set(literals(node.args[place]))
-    return found
+                    collected |= set(literals(node.args[place]))
+    return collected
 
 
 def test_every_code_that_is_made_is_registered_and_every_registered_one_is_made():
@@ -100,15 +100,15 @@ def is_worded(node: ast.expr) -> bool:
 
 def decisions_by_words(nodes: Iterable[ast.AST]) -> list[int]:
     """The lines of a module that look for something in a notice's words."""
-    found = []
+    collected = []
     for node in nodes:
         sides: list[ast.expr] = []
         if isinstance(node, ast.Compare) and isinstance(node.ops[0], ast.In | ast.NotIn):
             sides = [node.left, *node.comparators]
         elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
             sides = [node.func.value, *node.args] if node.func.attr in LOOKING else []
-        found += [side.lineno for side in sides if is_worded(side)]
-    return found
+        collected += [side.lineno for side in sides if is_worded(side)]
+    return collected
 
 
 @pytest.mark.parametrize(
@@ -124,5 +124,5 @@ def test_a_decision_by_a_phrase_is_detected(code):
 
 
 def test_nothing_decides_by_what_a_notice_says():
-    found = {label(path): decisions_by_words(nodes_of(path)) for path in MODULES}
-    assert {path: lines for path, lines in found.items() if lines} == {}
+    actual = {label(path): decisions_by_words(nodes_of(path)) for path in MODULES}
+    assert {path: lines for path, lines in actual.items() if lines} == {}

@@ -167,7 +167,7 @@ def test_intervals_reach_over_what_the_other_sampling_makes_of_their_values(monk
     others = answer._others(problem, constant, other)
     # A shift of more than a twentieth is a warning besides.
     far = abs(change.r0_ohm) > 0.05 * R0
-    assert [told[1:] for told in warnings] == far * [(R0, R0 + change.r0_ohm)]
+    assert [notice[1:] for notice in warnings] == far * [(R0, R0 + change.r0_ohm)]
     # Samples of 5 s show every pair. Refits go up to 15 % beyond the closed form.
     assert [circuit.r0 for circuit in others] == pytest.approx([0.07, 0.05, 0.041, 0.03965])
     shares = change.shares

@@ -59,10 +59,10 @@ def test_the_global_optimum_is_the_circuit_that_made_the_record(
     problem = made_problem(bundled_cell, circuit, answer, noise_v=1e-4)
     optimum = find_global_optimum(problem)
     assert optimum.status == "certified"
-    found = optimum.parameters
-    assert (found.r0, *found.r) == pytest.approx((0.05, *R_OHM), rel=5e-3)
-    assert found.tau_s == pytest.approx(TAU_S, rel=1e-2)
-    exact = CircuitParameters.of_tau(0.05, R_OHM, TAU_S, elements=found.elements)
+    actual = optimum.parameters
+    assert (actual.r0, *actual.r) == pytest.approx((0.05, *R_OHM), rel=5e-3)
+    assert actual.tau_s == pytest.approx(TAU_S, rel=1e-2)
+    exact = CircuitParameters.of_tau(0.05, R_OHM, TAU_S, elements=actual.elements)
     noiseless = made_problem(bundled_cell, circuit, answer)
     rmse_v = evaluate(noiseless.prepared, exact).metrics.rmse_v
     assert rmse_v < near * np.sqrt(np.mean((R_OHM[1] * answer(TAU_S[1])) ** 2))
@@ -76,7 +76,7 @@ def test_no_circuit_of_the_box_is_below_the_proved_bound(bundled_cell, circuit, 
     best = optimum.parameters
     for _ in range(40):
         tau_s = np.array(best.tau_s) * np.exp(0.3 * rng.standard_normal(2))
-        limits = np.array([box.tau_range_s(place) for place in range(2)]).T
+        limits = np.array([box.tau_range_s(index) for index in range(2)]).T
         r = np.array(best.r) * np.exp(0.1 * rng.standard_normal(2))
         tried = CircuitParameters.of_tau(best.r0, r, np.clip(tau_s, *limits), None, best.elements)
         assert evaluate(problem.prepared, tried).metrics.rmse_v >= optimum.lower_bound_v
@@ -92,8 +92,8 @@ def test_tables_of_one_node_are_the_constant_circuit(bundled_cell, circuit, answ
     assert fit.status == "certified"
     assert fit.tables.elements == constant.elements
     assert fit.tables.tau_s == pytest.approx(constant.tau_s, rel=1e-3)
-    found = fit.tables.ohm[:, 0]
-    assert found == pytest.approx([constant.r0, *constant.r], rel=1e-3)
+    actual = fit.tables.ohm[:, 0]
+    assert actual == pytest.approx([constant.r0, *constant.r], rel=1e-3)
     # Its error by the reduction is that by the scan.
     error_v = fit.errors[0].rmse_v
     assert error_v == pytest.approx(fit.objective_v, rel=1e-4)
@@ -109,8 +109,8 @@ def test_intervals_searches_and_exports_know_the_element(bundled_cell, circuit, 
     (seed,) = result.constant.search.seeds
     assert optimum.rmse_v * (1 - 1e-9) < refined.rmse_v < seed.rmse_v
     assert seed.parameters.elements == problem.bounds.elements
-    found = evaluate(problem.prepared, seed.parameters)
-    assert found.metrics.rmse_v == pytest.approx(seed.rmse_v, rel=1e-6)
+    actual = evaluate(problem.prepared, seed.parameters)
+    assert actual.metrics.rmse_v == pytest.approx(seed.rmse_v, rel=1e-6)
     resistance, tau, _ = problem.bounds.element_names[1]
     known = {each.name: each for each in result.constant.assessment.uncertainty.estimates}
     assert known[tau].low < TAU_S[1] < known[tau].high

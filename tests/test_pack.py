@@ -33,11 +33,11 @@ QUICK = {
 @pytest.fixture(scope="module")
 def cells():
     """Twelve cells, of which one has a high R0, one a low capacity, and one started emptier."""
-    found = alike(12)
-    found[2] = replace(found[2], r0_ohm=1.2 * found[2].r0_ohm)
-    found[6] = replace(found[6], capacity_ah=0.94 * found[6].capacity_ah)
-    found[9] = replace(found[9], soc=found[9].soc - 0.04)
-    return found
+    actual = alike(12)
+    actual[2] = replace(actual[2], r0_ohm=1.2 * actual[2].r0_ohm)
+    actual[6] = replace(actual[6], capacity_ah=0.94 * actual[6].capacity_ah)
+    actual[9] = replace(actual[9], soc=actual[9].soc - 0.04)
+    return actual
 
 
 @pytest.fixture(scope="module")
@@ -177,9 +177,9 @@ def test_a_pack_has_the_names_of_a_record_and_one_is_named_where_a_cell_is_wante
 def test_columns_of_something_else_are_no_cells_of_a_pack(voltages, other):
     table = frame(voltages[0][:300, :1], voltages[1][:300], name="Klemme")
     beside = table.with_columns(pl.lit(3.0 + 0.1 * k).alias(other.format(k)) for k in (1, 2, 3))
-    with pytest.raises(InputError, match="no column for the voltage") as told:
+    with pytest.raises(InputError, match="no column for the voltage") as error:
         record_from_frame(beside)
-    assert told.value.code.startswith("columns.missing")
+    assert error.value.code.startswith("columns.missing")
     with pytest.raises(InputError, match="no columns of cell voltages found"):
         of(beside)
 

@@ -52,8 +52,8 @@ def test_cells_that_are_scanned_have_separate_lags_and_resistances_that_do_not_f
     assert {(odd.cell, odd.quantity) for odd in pack.odd} == {
         ("V7", "R0 [Ohm]"), ("V7", "total R [Ohm]"),
     }  # fmt: skip
-    (told,) = [one for one in pack.result.warnings if one.code == "late-voltage.scanned"]
-    assert "-0.00 s to 0.80 s older" in str(told)
+    (notice,) = [one for one in pack.result.warnings if one.code == "late-voltage.scanned"]
+    assert "-0.00 s to 0.80 s older" in str(notice)
 
 
 @pytest.mark.parametrize("late_s", [0.0, 0.5])

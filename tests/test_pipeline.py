@@ -55,8 +55,8 @@ def test_the_same_samples_are_refused_in_any_bytes_and_warned_of_for_a_stored_re
     pl.read_parquet(BUNDLED.record)[:15_000].with_columns(in_ma).drop("Current / A").write_csv(part)
     with pytest.raises(InputError, match=r"part\.csv: of the same samples as iden"):
         barnax.identify(BUNDLED.record, ocv=OCV, validate=part)
-    (told,) = [each for each in few.validate(part).warnings if each.code == "role.same-record"]
-    assert (told.subject, told.values["other"]) == ("part.csv", "identification.parquet")
+    (notice,) = [each for each in few.validate(part).warnings if each.code == "role.same-record"]
+    assert (notice.subject, notice.values["other"]) == ("part.csv", "identification.parquet")
 
 
 @pytest.mark.parametrize("failure", [ArithmeticError("math domain error"), np.linalg.LinAlgError()])
@@ -140,9 +140,9 @@ def test_an_open_direction_is_tried_both_ways_and_reported(cut_record):
     result = barnax.identify(cut_record, ocv=OCV, **SMALL | {"seeds": 0})
     assert (result.start.direction, result.start.direction_source) == (-1, "better fit")
     assert result.start.other_rmse_v > 2 * result.metrics.identification.rmse_v
-    found = result.constant.parameters
-    assert found.r0 == pytest.approx(R0_OHM, rel=0.02)
-    assert found.r == pytest.approx(R_OHM, rel=0.02)
+    actual = result.constant.parameters
+    assert actual.r0 == pytest.approx(R0_OHM, rel=0.02)
+    assert actual.r == pytest.approx(R_OHM, rel=0.02)
     assert "the cell was last discharged before cut.csv" in result._repr_html_()
     assert result.metrics.identification.rmse_v == pytest.approx(5e-4, rel=0.1)
 
@@ -152,7 +152,7 @@ def test_a_fast_record_without_an_ocv_test_shows_its_third_pair(monkeypatch):
     monkeypatch.setattr(made_cell, "R_OHM", (0.01, 0.02, 0.03))
     monkeypatch.setattr(made_cell, "TAU_S", (1.5, 12.0, 100.0))
     fast, _ = made_cell.made(hours=0.4, scale=6.0, noise_v=1e-4)
-    found = barnax.identify(fast, seeds=0, trust="none", max_boxes=0)
-    assert found.model == "3rc"
-    taus_s = [found.fit.tables.constants[f"tau{pair} [s]"] for pair in (1, 2, 3)]
+    actual = barnax.identify(fast, seeds=0, trust="none", max_boxes=0)
+    assert actual.model == "3rc"
+    taus_s = [actual.fit.tables.constants[f"tau{pair} [s]"] for pair in (1, 2, 3)]
     assert np.allclose(taus_s, (1.5, 12.0, 100.0), rtol=0.1)

@@ -44,8 +44,8 @@ def identified(record, cell, circuit, window):
         objective="compressed",
     )
     # PSO compiles fastest; refinement takes any of its answers to the optimum.
-    found = search_seeds(problem, make_optimizer("pso", 20, 40), key=jax.random.key(0), seeds=8)
-    refinement = refine(found)
+    search = search_seeds(problem, make_optimizer("pso", 20, 40), key=jax.random.key(0), seeds=8)
+    refinement = refine(search)
     return refinement, evaluate(problem.prepared, refinement.parameters)
 
 
@@ -125,10 +125,10 @@ def test_the_samsung_cell_has_the_accepted_errors(samsung, real_data, circuit):
 def test_the_samsung_cell_has_the_accepted_circuit(samsung):
     _, answer = samsung
     refinement, evaluation = answer("so-rc")
-    found = refinement.parameters
-    mohm = [1e3 * value for value in (found.r0, *found.r)]
+    actual = refinement.parameters
+    mohm = [1e3 * value for value in (actual.r0, *actual.r)]
     assert mohm == pytest.approx([73.1, 14.9, 21.3], abs=0.05)
-    assert found.tau_s == pytest.approx((10.2, 87.2), abs=0.05)
+    assert actual.tau_s == pytest.approx((10.2, 87.2), abs=0.05)
     assert refinement.at_bound == ()
     above = evaluation.prepared.scored & (evaluation.prepared.soc > 0.2)
     assert 1e3 * np.sqrt(np.mean(evaluation.error_v[above] ** 2)) == pytest.approx(10.3, abs=0.05)
@@ -144,9 +144,9 @@ def test_scipy_alone_has_the_same_on_the_raw_files(samsung, average_ocv_v, real_
     scored = dst.base_v, dst.is_scored
     rmse_v, (r0, r1, r2, tau1, tau2) = fit_circuit(dst.drop_v, *scored, low, high, starts=3)
     assert refinement.rmse_v == pytest.approx(rmse_v, rel=1e-6)
-    found = refinement.parameters
-    assert (found.r0, *found.r) == pytest.approx((r0, r1, r2), rel=1e-3)
-    assert found.tau_s == pytest.approx((tau1, tau2), rel=1e-3)
+    actual = refinement.parameters
+    assert (actual.r0, *actual.r) == pytest.approx((r0, r1, r2), rel=1e-3)
+    assert actual.tau_s == pytest.approx((tau1, tau2), rel=1e-3)
     us06_v, accepted_mv = us06.rmse_v(r0, (r1, r2), (tau1, tau2)), ACCEPTED_MV["so-rc"][1]
     assert as_printed(us06_v, accepted_mv) == accepted_mv
 

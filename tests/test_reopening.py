@@ -96,8 +96,8 @@ def test_what_no_longer_gives_the_stored_error_is_refused(kept, tmp_path):
 
 def test_validation_is_of_what_is_the_answer(kept):
     result, folder, data = kept
-    found = Result.load(folder).validate(data / "other.parquet")
-    assert found.metrics.rmse_v == result.metrics.validation[0].rmse_v
+    actual = Result.load(folder).validate(data / "other.parquet")
+    assert actual.metrics.rmse_v == result.metrics.validation[0].rmse_v
     constant = result.without_tables().validate(read_record(data / "other.parquet"))
     assert constant.metrics.rmse_v == result.constant.metrics.validation[0].rmse_v
 

@@ -37,10 +37,10 @@ def document(result):
 
 def test_the_search_is_stored_as_it_was_run(document, result):
     constant = document["constant"]
-    search, found = constant["search"], result.constant.search
+    search, actual = constant["search"], result.constant.search
     assert {name: search[name] for name in SEARCH} == SEARCH
-    assert search["evaluations"] == found.evaluations
-    assert [seed["rmse [V]"] for seed in search["seeds"]] == [seed.rmse_v for seed in found.seeds]
+    assert search["evaluations"] == actual.evaluations
+    assert [seed["rmse [V]"] for seed in search["seeds"]] == [seed.rmse_v for seed in actual.seeds]
     optimum = constant["global_optimum"]
     assert (optimum["seeds_there"], optimum["best_gap"] >= 0) == (2, True)
     assert constant["fixed"] == {"tau1 [s]": 10.0}

@@ -64,9 +64,9 @@ def test_a_measured_cell_is_tracked_from_starts_too_low_and_too_high(real_data, 
         capacity=2.0, seeds=0, over="soc", model="so-rc", folds=0,
     )  # fmt: skip
     replay = replay_soc(result, folder / f"us06_{degc}degC_80soc_SP20-2.parquet", window)
-    found = {each.name: each for each in replay.scenarios}
+    actual = {each.name: each for each in replay.scenarios}
     for name in ("start 20 % too low", "start 20 % too high"):
-        part = found[name]
+        part = actual[name]
         assert part.rms < rms
         assert part.in_band > 0.9
         # A wide enough one would hold anything.

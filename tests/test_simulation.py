@@ -36,10 +36,10 @@ def closed_form_v(result, soc=SOC):
 
 def test_a_constant_circuit_is_simulated_as_its_closed_form():
     result = make_result("so-rc")
-    found = result.simulate(COLUMNS)
-    assert list(found) == ["Time [s]", "Current [A]", "Voltage [V]", "SOC"]
-    np.testing.assert_allclose(found["Voltage [V]"], closed_form_v(result), rtol=1e-12)
-    np.testing.assert_allclose(found["SOC"], SOC, rtol=1e-12)
+    actual = result.simulate(COLUMNS)
+    assert list(actual) == ["Time [s]", "Current [A]", "Voltage [V]", "SOC"]
+    np.testing.assert_allclose(actual["Voltage [V]"], closed_form_v(result), rtol=1e-12)
+    np.testing.assert_allclose(actual["SOC"], SOC, rtol=1e-12)
 
 
 def test_tables_are_simulated_as_their_equations_say():
@@ -51,18 +51,18 @@ def test_tables_are_simulated_as_their_equations_say():
         expected_v.append(ocv_v - r0 * current_a - across_v.sum())
         decay = np.exp(-1 / np.array(TABLE_TAU_S))
         across_v = decay * across_v + (1 - decay) * np.array(r) * current_a
-    found = result.simulate(CURRENT_A, TIME_S)
-    np.testing.assert_allclose(found["Voltage [V]"], expected_v, rtol=1e-12)
+    actual = result.simulate(CURRENT_A, TIME_S)
+    np.testing.assert_allclose(actual["Voltage [V]"], expected_v, rtol=1e-12)
 
 
 def test_a_given_start_is_where_it_starts():
     result = make_result("iso-rc")
-    found = result.simulate(COLUMNS, initial_soc=0.5, initial_direction=-1)
+    actual = result.simulate(COLUMNS, initial_soc=0.5, initial_direction=-1)
     soc = SOC - 0.4
-    np.testing.assert_allclose(found["SOC"], soc, rtol=1e-12)
+    np.testing.assert_allclose(actual["SOC"], soc, rtol=1e-12)
     # Discharged before, and discharged at once: half the gap below the average throughout.
     first_v = closed_form_v(make_result("so-rc"), soc)[:20] - result.cell.hysteresis_v(soc)[:20] / 2
-    np.testing.assert_allclose(found["Voltage [V]"][:20], first_v, rtol=1e-12)
+    np.testing.assert_allclose(actual["Voltage [V]"][:20], first_v, rtol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -102,8 +102,8 @@ def test_a_start_beyond_the_ocv_is_simulated_with_a_warning():
     scored = part.model_copy(update={"soc_range": (0.2, 0.79)})
     update = {"cell": replace(result.cell, **points), "inputs": (scored, *result.inputs[1:])}
     with pytest.warns(UserWarning, match=r"identified on \(20 to 79 %\), and beyond its OCV"):
-        found = result.model_copy(update=update).simulate(COLUMNS)
-    assert found["SOC"][0] == 0.9
+        actual = result.model_copy(update=update).simulate(COLUMNS)
+    assert actual["SOC"][0] == 0.9
 
 
 def test_a_column_of_temperature_that_changes_is_said_not_to_be_followed():

@@ -26,8 +26,8 @@ def answer_of(method, problem):
 
 
 def values_of(answer):
-    found = answer.parameters
-    return np.array([found.r0, *found.r, *found.tau_s])
+    actual = answer.parameters
+    return np.array([actual.r0, *actual.r, *actual.tau_s])
 
 
 def values(circuit):
@@ -120,8 +120,8 @@ def test_subspaces_need_no_first_state():
         output.append(state.sum() + 0.3 * each)
         state = matrix @ state + np.array([0.2, 0.1]) * each
     is_row = np.arange(500) >= 19
-    found = np.linalg.eigvals(state_matrix(drive, np.array(output), is_row, 10, 2))
-    np.testing.assert_allclose(np.sort(found), [0.5, 0.9], rtol=1e-9)
+    actual = np.linalg.eigvals(state_matrix(drive, np.array(output), is_row, 10, 2))
+    np.testing.assert_allclose(np.sort(actual), [0.5, 0.9], rtol=1e-9)
 
 
 def test_least_squares_equals_the_regression_in_lagged_samples(filtered_problem):

@@ -31,8 +31,10 @@ def test_it_meets_scipys_optimum_of_the_whole_problem(filtered_problem):
     )
     answer = varpro(problem)
     assert answer.rmse_v == pytest.approx(rmse_v, rel=1e-9)
-    found = answer.parameters
-    assert [found.r0, *found.r, *found.tau_s] == pytest.approx([r0, r1, r2, tau1, tau2], rel=1e-4)
+    actual = answer.parameters
+    assert [actual.r0, *actual.r, *actual.tau_s] == pytest.approx(
+        [r0, r1, r2, tau1, tau2], rel=1e-4
+    )
 
 
 def test_it_finds_the_rate_of_a_dynamic_hysteresis(short_problem, bundled_record, bundled_cell):

@@ -184,9 +184,9 @@ def test_a_charge_is_scaled_by_itself_within_two_percent_and_else_by_the_capacit
     records = [discharge_only(), scaled(charge_only(), share)]
     cell = characterize(records, capacity_ah=CAPACITY_AH, ocv_fit="interpolated")
     assert cell.charge_points[-1].soc == pytest.approx(share if is_short else 1.0, abs=1e-9)
-    told = [each.what for each in cell.warnings if each.code == "ocv-test.scaled"]
+    texts = [each.what for each in cell.warnings if each.code == "ocv-test.scaled"]
     says = " Ah, the capacity is 2 Ah: its SOC is scaled by the capacity"
-    assert [says in each for each in told] == [True] * is_short
+    assert [says in each for each in texts] == [True] * is_short
 
 
 # What is said of an OCV test that is refused, or that tells less than it should.

@@ -41,16 +41,16 @@ def test_points_out_of_order_are_refused(at):
 
 def test_a_fall_between_points_is_warned_about_with_where_it_begins_and_ends():
     curve = InterpolatedCurve(((0.0, 3.0), (0.3, 3.3), (0.4, 3.35), (0.6, 3.3468), (1.0, 3.6)))
-    (told,) = curve_warnings(curve, "charge")
-    assert "falls by 3.2 mV from SOC 0.400 to 0.600" in told.what
-    assert told.remedy == "check the points there"
+    (notice,) = curve_warnings(curve, "charge")
+    assert "falls by 3.2 mV from SOC 0.400 to 0.600" in notice.what
+    assert notice.remedy == "check the points there"
 
 
 @pytest.mark.parametrize("side", [-1, 1])
 def test_a_curve_that_misses_its_points_is_warned_about(side):
     points = ((0.0, 3.0), (0.5, 3.5 + side * 0.02), (1.0, 4.0))
-    (told,) = curve_warnings(PolynomialCurve(points, (3.0, 1.0)), "charge")
-    assert "misses its points by up to 20.0 mV, at SOC 0.500" in told.what
+    (notice,) = curve_warnings(PolynomialCurve(points, (3.0, 1.0)), "charge")
+    assert "misses its points by up to 20.0 mV, at SOC 0.500" in notice.what
 
 
 @pytest.mark.parametrize("side", [-1, 1])
@@ -61,8 +61,8 @@ def test_a_curve_that_leaves_the_range_of_neighboring_points_is_warned_about(sid
     in_gap = Polynomial([3.0, rise_v + 4 * bow_v, -4 * bow_v])
     whole = in_gap(Polynomial([-1.0, 4.0]))
     points = tuple((soc, float(whole(soc))) for soc in (0.0, 0.25, 0.5, 0.75))
-    found = curve_warnings(PolynomialCurve(points, tuple(whole.coef)), "discharge")
-    assert any("overshoots by 36.1 mV between SOC 0.250 and 0.500" in each.what for each in found)
+    actual = curve_warnings(PolynomialCurve(points, tuple(whole.coef)), "discharge")
+    assert any("overshoots by 36.1 mV between SOC 0.250 and 0.500" in each.what for each in actual)
 
 
 # The hysteresis voltage

@@ -22,17 +22,17 @@ def exact_step(time):
 def test_diffusion_answers_a_step_as_the_series_does_at_every_time():
     time = np.geomspace(1e-10, 20, 400)
     shares, ratios = np.array(DIFFUSION.shares), np.array(DIFFUSION.ratios)
-    found = np.exp(-time[:, None] / ratios) @ shares
-    assert np.max(np.abs(found - exact_step(time))) < 4.5e-5
+    actual = np.exp(-time[:, None] / ratios) @ shares
+    assert np.max(np.abs(actual - exact_step(time))) < 4.5e-5
     assert sum(DIFFUSION.shares) == pytest.approx(1, abs=1e-12)
 
 
 def test_the_impedance_of_diffusion_is_the_finite_warburgs():
     root = np.sqrt(1j * np.geomspace(1e-4, 1e5, 200))
     shares, ratios = np.array(DIFFUSION.shares), np.array(DIFFUSION.ratios)
-    found = np.sum(shares / (1 + root[:, None] ** 2 * ratios), axis=1)
+    actual = np.sum(shares / (1 + root[:, None] ** 2 * ratios), axis=1)
     exact = np.tanh(root) / root
-    assert np.max(np.abs(found - exact)) < 1.5e-4
+    assert np.max(np.abs(actual - exact)) < 1.5e-4
 
 
 @pytest.mark.parametrize(

@@ -111,8 +111,8 @@ def test_an_hour_that_the_logger_missed_does_not_end_a_sweep():
     interval_s = np.full(HOURS * 360 - 359, 10.0)
     interval_s[1000] = 3600.0
     current_a = np.full(len(interval_s), CURRENT_A)
-    (found,) = slow_sweeps(record_of(current_a, interval_s=interval_s))
-    assert found.passed_ah == pytest.approx(CAPACITY_AH, rel=1e-9)
+    (actual,) = slow_sweeps(record_of(current_a, interval_s=interval_s))
+    assert actual.passed_ah == pytest.approx(CAPACITY_AH, rel=1e-9)
 
 
 @pytest.mark.parametrize("samples", [1, 360])
@@ -120,5 +120,5 @@ def test_an_hour_of_rest_ends_a_sweep_however_few_its_samples(samples):
     half = CURRENT_A * SWEEP[: len(SWEEP) // 2]
     current_a = np.concatenate([half, np.zeros(samples), half])
     interval_s = np.where(current_a == 0, 3600 / samples, 10.0)
-    found = slow_sweeps(record_of(current_a, interval_s=interval_s))
-    assert [each.passed_ah for each in found] == pytest.approx([CAPACITY_AH / 2] * 2, rel=1e-9)
+    actual = slow_sweeps(record_of(current_a, interval_s=interval_s))
+    assert [each.passed_ah for each in actual] == pytest.approx([CAPACITY_AH / 2] * 2, rel=1e-9)

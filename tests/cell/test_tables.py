@@ -29,11 +29,11 @@ MEASURED = TemperatureTables((0.0, 25.0, 45.0), tuple(map(tables_at, (0.0, 25.0,
 
 
 def test_arrhenius_resistances_and_linear_corrections_are_met_between_temperatures():
-    found, true = MEASURED.at(12.0), tables_at(12.0)
-    assert found.tables.keys() == true.tables.keys()
+    actual, true = MEASURED.at(12.0), tables_at(12.0)
+    assert actual.tables.keys() == true.tables.keys()
     for name, row in true.tables.items():
-        assert found.tables[name] == pytest.approx(row, rel=1e-12)
-    assert found.constants == true.constants
+        assert actual.tables[name] == pytest.approx(row, rel=1e-12)
+    assert actual.constants == true.constants
 
 
 def test_a_measured_temperature_and_all_beyond_the_ends_have_its_tables_as_they_are():
@@ -49,6 +49,6 @@ def test_a_node_counts_as_visited_only_where_both_neighbors_visited_it():
 
 def test_a_resistance_at_zero_is_interpolated_without_a_logarithm():
     cold = tables_at(0.0).with_tables({"R0 [Ohm]": (0.0, 0.04)})
-    found = TemperatureTables((0.0, 40.0), (cold, tables_at(40.0))).at(20.0)
+    actual = TemperatureTables((0.0, 40.0), (cold, tables_at(40.0))).at(20.0)
     share = (1 / 273.15 - 1 / 293.15) / (1 / 273.15 - 1 / 313.15)
-    assert found.r0 == pytest.approx(share * tables_at(40.0).r0, rel=1e-12)
+    assert actual.r0 == pytest.approx(share * tables_at(40.0).r0, rel=1e-12)

@@ -48,8 +48,8 @@ def warned(table, cell, capacity_ah, given):
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(name, marks=[pytest.mark.slow] if name in FAULTS and place % 3 else [])
-        for place, name in enumerate(TABLES)
+        pytest.param(name, marks=[pytest.mark.slow] if name in FAULTS and index % 3 else [])
+        for index, name in enumerate(TABLES)
     ],
 )
 def test_advice_is_not_given_again_once_it_is_followed(name, bundled_cell):

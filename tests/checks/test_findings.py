@@ -303,8 +303,8 @@ def test_every_finding_is_worded_as_it_was_written_down():
 @pytest.mark.parametrize(
     ("name", "column", "height", "width"),
     [
-        (name, *spike, 1 + (place + number) % 3)
-        for place, name in enumerate(BUNDLED_NAMES)
+        (name, *spike, 1 + (index + number) % 3)
+        for index, name in enumerate(BUNDLED_NAMES)
         for number, spike in enumerate([(VOLTAGE, 0.5), (VOLTAGE, -0.4), (CURRENT, 8.0)])
     ],
 )

@@ -65,8 +65,8 @@ def test_steps_serve_by_how_closely_they_tell_the_resistance(tmp_path, pulses, s
     passed = np.cumsum(current_a) / 3600
     noise_v = np.random.default_rng(0).normal(0, 2e-4, len(time_s))
     table = logged(time_s, current_a, 4.1 + 0.6 * passed + 0.03 * current_a + noise_v)
-    found = roles(checked(tmp_path, table))["identification"]
-    assert found.is_usable == serves, found.reason
+    actual = roles(checked(tmp_path, table))["identification"]
+    assert actual.is_usable == serves, actual.reason
 
 
 def test_the_predicted_interval_is_that_of_repeated_draws():
@@ -83,9 +83,9 @@ def test_the_predicted_interval_is_that_of_repeated_draws():
 def test_a_record_that_starts_under_load_needs_its_state_of_charge(tmp_path):
     table = frame()
     start = int(np.flatnonzero(np.abs(table[CURRENT].to_numpy()) > 1)[0])
-    found = roles(checked(tmp_path, table[start:]))
-    assert found["identification"].window.options == {}
-    assert found["identification"].window.needs_initial_soc
+    actual = roles(checked(tmp_path, table[start:]))
+    assert actual["identification"].window.options == {}
+    assert actual["identification"].window.needs_initial_soc
 
 
 def whole_test(rest_s=7200, last_a=0.04):

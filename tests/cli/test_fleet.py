@@ -27,12 +27,12 @@ def test_the_report_is_of_the_cells_of_the_manifest(run, tmp_path, monkeypatch):
     for names, told in (("ab", "0 of 2 cells identified"), ("b", "0 of 1 cell identified")):
         rows = "".join(f"{name},nowhere.csv\n" for name in names)
         manifest.write_text(f"id,records\n{rows}")
-        found = run("fleet", manifest, "--out", out)
-        assert found.status == 0, found.err
-        assert told in found.out
+        actual = run("fleet", manifest, "--out", out)
+        assert actual.status == 0, actual.err
+        assert told in actual.out
         assert told in (out / "report.html").read_text()
     assert pl.read_parquet(out / "cells.parquet")["id"].to_list() == ["a", "b"]
-    assert "left by a command" not in found.err
+    assert "left by a command" not in actual.err
     # A worker that was killed while it wrote.
     left = out / "factors" / f".barnax-{0:032x}"
     left.parent.mkdir()
@@ -44,9 +44,9 @@ def test_a_failure_names_its_file_and_the_manifests_columns(run, tmp_path):
     (tmp_path / "b.csv").touch()
     manifest = tmp_path / "m.csv"
     manifest.write_text("id,records,ocv,initial_soc\na,nowhere.csv,b.csv,\nb,b.csv,b.csv,95\n")
-    found = run("fleet", manifest, "--out", tmp_path / "out")
+    actual = run("fleet", manifest, "--out", tmp_path / "out")
     assert "a: nowhere.csv does not exist: correct the name in the manifest" in " ".join(
-        found.out.split()
+        actual.out.split()
     )
     report = (tmp_path / "out" / "report.html").read_text()
     assert "initial_soc 95.0 is not a fraction" in report

@@ -29,31 +29,31 @@ def test_bands_hold_every_sample_once():
 def test_differences_are_of_mean_squares_and_of_rmse():
     rng = np.random.default_rng(1)
     first, second = rng.normal(0, 1, 2000), rng.normal(0, 2, 2000)
-    found = compare_over_time(first, second)
-    assert found.difference_v2 == pytest.approx(np.mean(first**2) - np.mean(second**2))
+    actual = compare_over_time(first, second)
+    assert actual.difference_v2 == pytest.approx(np.mean(first**2) - np.mean(second**2))
     rmse = np.sqrt([np.mean(first**2), np.mean(second**2)])
-    assert found.difference_v == pytest.approx(rmse[0] - rmse[1])
-    assert found.interval_v2[0] < found.difference_v2 < found.interval_v2[1] < 0
-    assert found.interval_v[0] < found.difference_v < found.interval_v[1] < 0
-    assert found.is_real
+    assert actual.difference_v == pytest.approx(rmse[0] - rmse[1])
+    assert actual.interval_v2[0] < actual.difference_v2 < actual.interval_v2[1] < 0
+    assert actual.interval_v[0] < actual.difference_v < actual.interval_v[1] < 0
+    assert actual.is_real
 
 
 def test_the_interval_of_white_noise_is_the_normal_one():
     rng = np.random.default_rng(2)
     first, second = rng.normal(size=(2, 20_000))
-    found = compare_over_time(first, second)
+    actual = compare_over_time(first, second)
     half = 1.96 * np.std(first**2 - second**2) / np.sqrt(20_000)
-    assert np.ptp(found.interval_v2) / 2 == pytest.approx(half, rel=0.12)
+    assert np.ptp(actual.interval_v2) / 2 == pytest.approx(half, rel=0.12)
 
 
 def test_seeds_are_paired_and_tested_by_wilcoxon():
     rng = np.random.default_rng(5)
     first, second = rng.normal(1.0, 0.1, 30), rng.normal(1.05, 0.1, 30)
-    found = compare_over_seeds(first, second)
-    assert found is not None
-    assert found.median_v == np.median(first - second)
-    assert found.wins + found.losses == 30
-    assert found.p_value == pytest.approx(stats.wilcoxon(first, second).pvalue)
+    actual = compare_over_seeds(first, second)
+    assert actual is not None
+    assert actual.median_v == np.median(first - second)
+    assert actual.wins + actual.losses == 30
+    assert actual.p_value == pytest.approx(stats.wilcoxon(first, second).pvalue)
 
 
 def autoregressive(correlation, samples, seed, rows=1):
@@ -92,9 +92,9 @@ def test_the_ends_of_a_series_count_as_much_as_its_middle():
 
 def test_errors_that_differ_by_rounding_are_no_real_difference():
     error_v = autoregressive(0.5, 3000, 6)[0]
-    found = compare_over_time(error_v, error_v * (1 + 1e-12))
-    assert found.interval_v[1] < 0
-    assert not found.is_real
+    actual = compare_over_time(error_v, error_v * (1 + 1e-12))
+    assert actual.interval_v[1] < 0
+    assert not actual.is_real
     pairs = compare_over_seeds(np.full(30, 0.02), np.full(30, 0.02) * (1 + 1e-12))
     assert (pairs.wins, pairs.losses, pairs.p_value) == (0, 0, 1.0)
 
@@ -108,8 +108,8 @@ def test_intervals_cover_the_truth_as_often_as_they_say(correlation):
     covered = 0
     for seed in range(200):
         first, second = autoregressive(correlation, 3000, seed, rows=2)
-        found = compare_over_time(first, second, seed)
-        (low_v, high_v), (low_v2, high_v2) = found.interval_v, found.interval_v2
+        actual = compare_over_time(first, second, seed)
+        (low_v, high_v), (low_v2, high_v2) = actual.interval_v, actual.interval_v2
         assert (low_v <= 0 <= high_v) == (low_v2 <= 0 <= high_v2)
-        covered += not found.is_real
+        covered += not actual.is_real
     assert 172 <= covered <= 200

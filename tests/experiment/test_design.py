@@ -78,12 +78,12 @@ def test_the_noise_of_products_is_that_of_the_whole_covariance(prior, time_s, to
     test = prior.loaded(np.repeat([0.0, 2.0, -1.0], 400), 0.5)
     columns = columns_of(prior, test)
     error = replace(prior.error, noise=((time_s, 3e-3),))
-    found = information_of(replace(prior, error=error), test)
+    actual = information_of(replace(prior, error=error), test)
     lags = np.arange(len(columns))
     covariance = toeplitz(9e-6 * (np.exp(-lags / time_s) if time_s else lags == 0))
     own = columns[:, : len(prior.names)]
     expected = own.T @ covariance @ own
-    np.testing.assert_allclose(found.noise, expected, atol=tolerance * np.abs(expected).max())
+    np.testing.assert_allclose(actual.noise, expected, atol=tolerance * np.abs(expected).max())
 
 
 def test_the_error_on_a_drive_is_that_of_fits_to_cells_that_are_no_circuits(prior):
@@ -93,9 +93,9 @@ def test_the_error_on_a_drive_is_that_of_fits_to_cells_that_are_no_circuits(prio
     count = len(quiet.names)
     test, drive = (quiet.loaded(each, 1.0) for each in (test_a, drive_a))
     on_test, on_drive = columns_of(quiet, test), columns_of(quiet, drive)
-    found = information_of(quiet, test)
-    inverse = found.inverse(quiet)
-    left_v = found.left_on(quiet, inverse, on_drive.T @ on_drive / len(on_drive))
+    actual = information_of(quiet, test)
+    inverse = actual.inverse(quiet)
+    left_v = actual.left_on(quiet, inverse, on_drive.T @ on_drive / len(on_drive))
     squares = []
     for _ in range(300):
         # The cell is off what is believed, and more than its circuit.
@@ -143,15 +143,15 @@ def test_rates_over_soc_hold_for_pieces_that_leave_their_stretch():
     ]
     discharge, charge = [(0.0, 0.1), (0.5, 2.0)], [(0.3, 1.0), (1.0, 0.05)]
     limits = {"max_discharge": discharge, "max_charge": charge, "max_hours": 5.0}
-    found = barnax.design(capacity=0.002, blocks=taken, starts=1, **limits)
-    current_a = sampled(found.steps)
+    actual = barnax.design(capacity=0.002, blocks=taken, starts=1, **limits)
+    current_a = sampled(actual.steps)
     soc = 1 - np.append(0.0, np.cumsum(current_a[:-1])) / 3600 / 0.002
     assert np.all(current_a <= 1.001 * 0.002 * np.interp(soc, *np.transpose(discharge)))
     assert np.all(-current_a <= 1.001 * 0.002 * np.interp(soc, *np.transpose(charge)))
     # The steps of a small cell have as many digits as those of a large one.
-    rows = csv.DictReader(steps_csv(found).splitlines())
+    rows = csv.DictReader(steps_csv(actual).splitlines())
     written = [float(row["Current / A"]) for row in rows]
-    np.testing.assert_allclose(written, [abs(step.current_a) for step in found.steps], rtol=1e-4)
+    np.testing.assert_allclose(written, [abs(step.current_a) for step in actual.steps], rtol=1e-4)
 
 
 def test_earlier_records_narrow_what_a_test_leaves(prior):
@@ -231,9 +231,9 @@ def test_a_wish_that_is_easy_takes_the_least_time_whatever_is_given():
     """The best of a long test has more pieces than fit into a short one."""
     hours = []
     for max_hours in (1.6, 3.0):
-        found = barnax.design(
+        actual = barnax.design(
             capacity=2.0, max_hours=max_hours, want={"R0": 0.05}, blocks=few_blocks(), **LIMITS
         )
-        assert found.is_reached
-        hours.append(found.hours)
+        assert actual.is_reached
+        hours.append(actual.hours)
     assert hours[1] < 1.1 * hours[0]

@@ -67,17 +67,17 @@ def test_noise_is_distinguished_from_what_a_circuit_leaves_out(prepared, prior):
     count = len(prepared.soc)
     columns = columns_of(prior, prepared)
     left_out = columns[:, len(prior.names) :]
-    found = {}
+    collected = {}
     for size in (0.0, 0.4, 0.8):
         more_v = left_out @ rng.normal(size=left_out.shape[1]) * size
         noise_v = correlated(rng, count, 10, 2e-3) + correlated(rng, count, 200, 2e-3)
         left_v = left(prepared, prior, noise_v + more_v)
-        found[size] = counting(prior, [left_v]).error
-    assert found[0.0].left_out < 0.15
-    assert found[0.0].rest_v == pytest.approx(found[0.0].rmse_v, rel=0.05)
+        collected[size] = counting(prior, [left_v]).error
+    assert collected[0.0].left_out < 0.15
+    assert collected[0.0].rest_v == pytest.approx(collected[0.0].rmse_v, rel=0.05)
     for size in (0.4, 0.8):
-        assert found[size].left_out == pytest.approx(size, rel=0.3)
-        assert found[size].rest_v < 0.95 * found[size].rmse_v
+        assert collected[size].left_out == pytest.approx(size, rel=0.3)
+        assert collected[size].rest_v < 0.95 * collected[size].rmse_v
 
 
 def test_planted_noise_is_measured(prepared, prior):

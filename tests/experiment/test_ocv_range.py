@@ -202,9 +202,9 @@ def test_a_part_of_the_charge_without_a_node_is_refused():
 
 @pytest.mark.slow
 def test_hours_that_are_too_few_are_refused_with_the_least():
-    with pytest.raises(InputError, match=r"`max_hours` 0\.5: .* takes .* h without rests") as told:
+    with pytest.raises(InputError, match=r"`max_hours` 0\.5: .* takes .* h without rests") as error:
         barnax.design(capacity=2.0, max_hours=0.5, blocks=BLOCKS)
-    least = float(str(told.value).split(" h without rests")[0].split()[-1])
+    least = float(str(error.value).split(" h without rests")[0].split()[-1])
     with pytest.raises(InputError, match="without rests"):
         barnax.design(capacity=2.0, max_hours=least - 0.02, blocks=BLOCKS)
     assert least - 0.02 < barnax.design(capacity=2.0, max_hours=least, blocks=BLOCKS).hours <= least

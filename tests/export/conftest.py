@@ -66,26 +66,29 @@ def fake_pybamm(monkeypatch):
 def over_temperature():
     """Tables over SOC and temperature, and the cell of each temperature: its OCV 4 mV lower and
     higher at the outer ones, its capacity another."""
-    found = make_table_result()
-    fit, fits = found.fit, []
+    actual = make_table_result()
+    fit, fits = actual.fit, []
     for factor in FACTORS:
         tables = fit.tables.with_tables(
             {name: factor * np.array(row) for name, row in fit.tables.tables.items()}
         )
         fits.append(replace(fit, tables=tables))
     over = OverTemperature(DEGC, 1e-3, 1e-3, 1e-3, (), ())
-    part = replace(found.tables, fits=tuple(fits), over_temperature=over)
+    part = replace(actual.tables, fits=tuple(fits), over_temperature=over)
 
     def moved(degc, lift_v, capacity_ah):
         branches = {
             name: InterpolatedCurve.fit(branch.soc, branch.voltage_v + lift_v)
-            for name, branch in (("charge", found.cell.charge), ("discharge", found.cell.discharge))
+            for name, branch in (
+                ("charge", actual.cell.charge),
+                ("discharge", actual.cell.discharge),
+            )
         }
-        return replace(found.cell, **branches, temperature_degc=degc, capacity_ah=capacity_ah)
+        return replace(actual.cell, **branches, temperature_degc=degc, capacity_ah=capacity_ah)
 
     others = moved(0.0, -4e-3, 1.9), moved(45.0, 4e-3, 2.1)
-    cell = replace(found.cell, temperature_degc=25.0, capacity_ah=2.0, elsewhere=others)
-    return found.model_copy(update={"tables": part, "cell": cell})
+    cell = replace(actual.cell, temperature_degc=25.0, capacity_ah=2.0, elsewhere=others)
+    return actual.model_copy(update={"tables": part, "cell": cell})
 
 
 def r0_ohm(degc, soc):

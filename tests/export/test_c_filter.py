@@ -86,8 +86,8 @@ def in_python(result, prepared, direction):
     prepared = replace(prepared, direction=np.where(before_load, direction, prepared.direction))
     model, drive = model_of(result, ("offset", "capacity")), Drive.of(prepared)
     start = model.start(0.7, 0.1, float(direction), 1.0 if direction == 0 else 0.0)
-    found = jax.jit(run_filter)(model, start, drive)
-    columns = (found.soc, found.soc_sd, found.innovation_v, found.innovation_sd_v)
+    actual = jax.jit(run_filter)(model, start, drive)
+    columns = (actual.soc, actual.soc_sd, actual.innovation_v, actual.innovation_sd_v)
     return np.stack(columns, axis=1), drive
 
 

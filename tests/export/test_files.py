@@ -168,14 +168,14 @@ def test_json_and_csv_hold_every_value_of_tables(circuit):
     (record,) = result.inputs
     warm = record.model_copy(update={"temperature_degc": 31.0})
     result = result.model_copy(update={"inputs": (warm,)})
-    found, rows = json.loads(EXPORTERS["json"].write(result).content), rows_of(result)
-    assert found["resistances"]["SOC"] == list(NODES)
+    actual, rows = json.loads(EXPORTERS["json"].write(result).content), rows_of(result)
+    assert actual["resistances"]["SOC"] == list(NODES)
     for number, values in enumerate(TABLE_OHM):
-        assert found["resistances"][f"R{number} [Ohm]"] == list(values)
-    assert found["tau [s]"] == list(TABLE_TAU_S)
-    assert found["gamma"] == (GAMMA if circuit == "esc" else None)
-    assert found["temperature [degC]"] == 31.0
-    assert (found["W"] is None) == (circuit == "so-rc")
+        assert actual["resistances"][f"R{number} [Ohm]"] == list(values)
+    assert actual["tau [s]"] == list(TABLE_TAU_S)
+    assert actual["gamma"] == (GAMMA if circuit == "esc" else None)
+    assert actual["temperature [degC]"] == 31.0
+    assert (actual["W"] is None) == (circuit == "so-rc")
     assert rows["R0(0.1)"] == (TABLE_OHM[0][2], "Ohm")
     assert rows["R2(-0.05)"] == (TABLE_OHM[2][0], "Ohm")
     assert ("gamma" in rows) == (circuit == "esc")
@@ -186,10 +186,10 @@ def test_csv_and_json_have_every_temperature(over_temperature):
     rows = rows_of(over_temperature)
     content = json.loads(EXPORTERS["json"].write(over_temperature).content)
     at = content["temperature [degC]"].index(45.0)
-    for place, soc in enumerate(NODES):
+    for index, soc in enumerate(NODES):
         value, _ = rows[f"R0({soc!r}, 45.0)"]
-        assert value == pytest.approx(0.5 * TABLE_OHM[0][place])
-        assert content["resistances"]["R0 [Ohm]"][at][place] == value
+        assert value == pytest.approx(0.5 * TABLE_OHM[0][index])
+        assert content["resistances"]["R0 [Ohm]"][at][index] == value
     own = np.interp(0.5, content["OCV"]["SOC"], content["OCV"]["voltage [V]"][at])
     assert own == pytest.approx(ocv_at(over_temperature, 45.0, 0.5), abs=1e-6)
 
@@ -252,10 +252,10 @@ def test_simscape_gets_tables_for_both_blocks():
 def test_a_table_that_is_read_on_straight_is_constant_beyond_its_nodes(kept):
     result = make_table_result("esc", kept)
     expected_ohm = np.interp(SOC, NODES[kept], TABLE_OHM[0][kept])
-    found = json.loads(EXPORTERS["json"].write(result).content)["resistances"]
+    actual = json.loads(EXPORTERS["json"].write(result).content)["resistances"]
     block = load(result)["BatteryEquivalentCircuit"]
     for nodes, values in (
-        (found["SOC"], found["R0 [Ohm]"]),
+        (actual["SOC"], actual["R0 [Ohm]"]),
         (block["ResistanceSOCBreakpoints"].item(), block["R0"].item()),
     ):
         straight = make_interp_spline(nodes, values, k=1)

@@ -30,16 +30,16 @@ def faked(result, error_v):
 def test_the_largest_difference_counts_whatever_its_sign():
     result, error_v = make_result("so-rc"), np.zeros(200)
     error_v[[20, 90]] = 1e-3, -4e-3
-    found = verify(result, faked(result, error_v), b"", SHORT)
-    assert found.largest_v == pytest.approx(4e-3)
-    assert found.rms_v == pytest.approx(math.sqrt((1e-3**2 + 4e-3**2) / 200))
-    assert (found.package, found.samples) == ("numpy", 200)
+    actual = verify(result, faked(result, error_v), b"", SHORT)
+    assert actual.largest_v == pytest.approx(4e-3)
+    assert actual.rms_v == pytest.approx(math.sqrt((1e-3**2 + 4e-3**2) / 200))
+    assert (actual.package, actual.samples) == ("numpy", 200)
 
 
 def test_a_simulation_that_ends_early_never_passes_for_agreement():
     result = make_result("so-rc")
-    found = verify(result, faked(result, np.where(np.arange(200) < 150, 0.0, np.nan)), b"", SHORT)
-    assert (found.largest_v, found.rms_v) == (math.inf, math.inf)
+    actual = verify(result, faked(result, np.where(np.arange(200) < 150, 0.0, np.nan)), b"", SHORT)
+    assert (actual.largest_v, actual.rms_v) == (math.inf, math.inf)
 
 
 @pytest.mark.parametrize(("starts_within", "is_alike"), [(True, True), (False, False)])
@@ -107,5 +107,5 @@ def test_a_circuit_without_hysteresis_is_the_same_in_the_package(
         pytest.skip(f"{name} is not installed; it is in the extra verify")
     monkeypatch.setenv("PYBAMM_DISABLE_TELEMETRY", "true")
     exporter = EXPORTERS[name]
-    found = verify(result, exporter, exporter.write(result).content, profile)
-    assert found.largest_v < 1.5 * TOLERANCE_V
+    actual = verify(result, exporter, exporter.write(result).content, profile)
+    assert actual.largest_v < 1.5 * TOLERANCE_V

@@ -36,9 +36,9 @@ def drive_of(interval_s, current_a, voltage_v):
     held_a = np.append(0.0, current_a[:-1])
     moved = np.where(np.abs(held_a) >= REST_A, held_a, 0.0)
     direction = np.ones_like(held_a)
-    for place in range(len(held_a)):
-        last = current_a[: place + 1][np.abs(current_a[: place + 1]) >= REST_A]
-        direction[place] = -np.sign(last[-1]) if len(last) else 1.0
+    for index in range(len(held_a)):
+        last = current_a[: index + 1][np.abs(current_a[: index + 1]) >= REST_A]
+        direction[index] = -np.sign(last[-1]) if len(last) else 1.0
     arrays = (interval_s, held_a, moved, current_a, direction, voltage_v)
     return Drive(*(jnp.asarray(each) for each in arrays))
 
@@ -129,8 +129,8 @@ class Plain:
     def walk(self, dt, held):
         q = np.zeros(self.count + 2)
         q[0] = (REST_A / 5 * dt / 3600 / 2.0) ** 2
-        for place, (tau_s, sd) in enumerate(self.lasting(held), self.first_error):
-            q[place] = sd**2 * (1 - np.exp(-2 * dt / tau_s))
+        for index, (tau_s, sd) in enumerate(self.lasting(held), self.first_error):
+            q[index] = sd**2 * (1 - np.exp(-2 * dt / tau_s))
         q[self.count - 1] = 1 - self.bias_left(dt, held) ** 2
         q[-2:] = np.array(SLOW_SD) ** 2 * dt / 360_000
         return np.diag(q)
@@ -142,7 +142,7 @@ class Plain:
         return np.concatenate([x[None], x + root.T, x - root.T]), weights
 
     def run(self, kind, x, p, drive):
-        found, rejected_s = [], 0.0
+        actual, rejected_s = [], 0.0
         for dt, held, turning, current, direction, measured in zip(*drive, strict=True):
             if kind == "ekf":
                 x, slope = self.advance(x, dt, held, turning)
@@ -168,8 +168,8 @@ class Plain:
                 rejected_s = 0.0 if is_near else rejected_s
             else:
                 rejected_s += dt
-            found.append((x[0], np.sqrt(p[0, 0] + 4e-3**2), *x[-2:], measured - v, np.sqrt(s)))
-        return np.array(found)
+            actual.append((x[0], np.sqrt(p[0, 0] + 4e-3**2), *x[-2:], measured - v, np.sqrt(s)))
+        return np.array(actual)
 
 
 @pytest.mark.parametrize(
@@ -185,12 +185,12 @@ def test_a_filter_is_a_plain_loop_in_numpy(circuit, kind):
     cell = make_cell()
     voltage_v = np.random.default_rng(1).normal(3.75, 0.05, OF_A_LOOP)
     drive = drive_of(*profile(OF_A_LOOP), voltage_v)
-    found, plain = both(cell, circuit, kind, drive)
+    actual, plain = both(cell, circuit, kind, drive)
     for index, name in enumerate(("soc", "soc_sd")):
-        assert np.abs(getattr(found, name) - plain[:, index]).max() < 1e-10
-    assert np.abs(found.slow - plain[:, 2:4]).max() < 1e-10
-    assert np.abs(found.innovation_v - plain[:, 4]).max() < 1e-10
-    assert np.abs(found.innovation_sd_v - plain[:, 5]).max() < 1e-10
+        assert np.abs(getattr(actual, name) - plain[:, index]).max() < 1e-10
+    assert np.abs(actual.slow - plain[:, 2:4]).max() < 1e-10
+    assert np.abs(actual.innovation_v - plain[:, 4]).max() < 1e-10
+    assert np.abs(actual.innovation_sd_v - plain[:, 5]).max() < 1e-10
 
 
 @in_float64
@@ -201,13 +201,13 @@ def both(cell, circuit, kind, drive):
     )
     # LAPACK's factor needs a variance everywhere.
     state, variance = model.start(0.6, 0.1, 1.0, 0.3)
-    found = jax.jit(run_filter, static_argnums=(3, 4))(
+    actual = jax.jit(run_filter, static_argnums=(3, 4))(
         model, (state, variance), drive, kind, "joint"
     )
     x = np.concatenate([state, np.zeros(2)])
     p = np.diag(np.concatenate([variance, np.array(SLOW_SD) ** 2]))
     plain = Plain(circuit, cell).run(kind, x, p, [np.asarray(each) for each in drive[:6]])
-    return jax.tree.map(np.asarray, found), plain
+    return jax.tree.map(np.asarray, actual), plain
 
 
 LASTING = ErrorModel(2e-3, (60.0,), (3e-3,))
@@ -279,8 +279,10 @@ def test_estimation_errors_and_innovations_are_as_large_as_the_filter_says():
     def all_runs():
         def one(key):
             drive, truth = simulated(model, key, 0.6)
-            found = run_filter(model, model.start(0.6, 0.1, 1.0, 0.0), drive)
-            return (found.soc - truth) / found.soc_sd, found.innovation_v / found.innovation_sd_v
+            actual = run_filter(model, model.start(0.6, 0.1, 1.0, 0.0), drive)
+            return (
+                actual.soc - truth
+            ) / actual.soc_sd, actual.innovation_v / actual.innovation_sd_v
 
         return jax.jit(jax.vmap(one))(jax.random.split(jax.random.key(3), runs))
 
@@ -308,12 +310,12 @@ def test_estimates_converge_to_the_truth(kind):
         straight_cell(), "so-rc", wrong, ErrorModel(2e-3, (60.0,), (3e-3,)),
         rest_current_a=REST_A, slow=("offset", "R0"), slow_sd=(0.02, 0.3),
     )  # fmt: skip
-    found = filtered(believed, shifted, kind, soc=0.7)
-    assert np.exp(found.slow[-1, 1]) == pytest.approx(1 / 0.7, rel=0.02)
+    actual = filtered(believed, shifted, kind, soc=0.7)
+    assert np.exp(actual.slow[-1, 1]) == pytest.approx(1 / 0.7, rel=0.02)
     if kind != "dual":
         # A dual filter looks one interval ahead, where an offset has moved no SOC yet.
-        assert found.slow[-1, 0] == pytest.approx(0.02, abs=0.01)
-        assert abs(found.soc[-1] - truth[-1]) < 0.01
+        assert actual.slow[-1, 0] == pytest.approx(0.02, abs=0.01)
+        assert abs(actual.soc[-1] - truth[-1]) < 0.01
 
 
 @in_float64
@@ -366,10 +368,10 @@ def test_a_gaussian_sum_is_the_mixture_that_bayes_gives():
     soc, left, evidence = np.array(of_parts).T
     weights = weights * np.exp(evidence - evidence.max())
     weights /= weights.sum()
-    found = filtered(model, drive, "sum")
-    assert found.soc[-1] == pytest.approx(weights @ soc, abs=1e-9)
+    actual = filtered(model, drive, "sum")
+    assert actual.soc[-1] == pytest.approx(weights @ soc, abs=1e-9)
     variance = weights @ (left + (soc - weights @ soc) ** 2)
-    assert found.soc_sd[-1] == pytest.approx(np.sqrt(variance), rel=1e-6)
+    assert actual.soc_sd[-1] == pytest.approx(np.sqrt(variance), rel=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -382,9 +384,9 @@ def test_a_long_rest_tells_no_more_than_the_bias_leaves(kind):
     errors = ErrorModel(2e-3, bias_v=(1e-2,), axis_sd=4e-3)
     model, rest = straight_model(errors=errors), np.zeros(20_000)
     voltage_v = 3.8 + np.random.default_rng(0).normal(0, 2e-3, len(rest))
-    found = filtered(model, drive_of(rest + 1, rest, voltage_v), kind)
+    actual = filtered(model, drive_of(rest + 1, rest, voltage_v), kind)
     expected = np.sqrt(1 / (1 / 0.1**2 + 1 / 0.01**2) + 4e-3**2)
-    assert found.soc_sd[-1] == pytest.approx(expected, rel=0.02)
+    assert actual.soc_sd[-1] == pytest.approx(expected, rel=0.02)
 
 
 def flat_ocv_v(soc):
@@ -401,8 +403,8 @@ def test_on_a_flat_ocv_the_band_of_a_gaussian_sum_holds_the_soc():
 
     def one(key, kind):
         drive, truth = simulated(model, key, 0.6)
-        found = run_filter(model, model.start(0.6, 0.1, 1.0, 0.0), drive, kind)
-        return jnp.mean(jnp.abs(found.soc - truth) < 1.96 * found.soc_sd)
+        actual = run_filter(model, model.start(0.6, 0.1, 1.0, 0.0), drive, kind)
+        return jnp.mean(jnp.abs(actual.soc - truth) < 1.96 * actual.soc_sd)
 
     keys = jax.random.split(jax.random.key(5), 40)
     held = np.asarray(jax.jit(jax.vmap(lambda key: one(key, "sum")))(keys))

@@ -43,9 +43,9 @@ def test_given_time_constants_give_the_accepted_tables(
     assert 1e3 * fit.objective_v == pytest.approx(root_mv, rel=1e-3)
     r0_ohm = fit.tables.at("R0 [Ohm]", np.array([0.5]))[0]
     assert r0_mohm is None or 1e3 * r0_ohm == pytest.approx(r0_mohm, rel=1e-3)
-    found = in_mv([pooled_errors([each], fit.tables) for each in measured])[: len(errors_mv)]
+    actual = in_mv([pooled_errors([each], fit.tables) for each in measured])[: len(errors_mv)]
     # As many digits as are told.
-    assert found == pytest.approx(errors_mv, rel=1e-3, abs=0.006 if r0_mohm is None else None)
+    assert actual == pytest.approx(errors_mv, rel=1e-3, abs=0.006 if r0_mohm is None else None)
 
 
 @pytest.mark.parametrize(
@@ -83,7 +83,7 @@ def test_a_record_left_out_is_predicted_as_a_fit_to_the_others_does(measured):
 def test_the_interval_of_another_record_holds_what_a_fourth_one_shows(measured):
     settings, holds, own_holds = TableSettings(fixed=GIVEN, max_boxes=0), [], []
     for left, record in enumerate(measured):
-        others = [each for place, each in enumerate(measured) if place != left]
+        others = [each for index, each in enumerate(measured) if index != left]
         shown = {(e.name, e.soc): e.value for e in fit_tables([record], settings).intervals}
         for each in fit_tables(others, settings).intervals:
             if each.record_low is not None and (each.name, each.soc) in shown:

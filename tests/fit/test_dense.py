@@ -79,8 +79,8 @@ def test_an_interval_is_students_t_times_the_root_of_the_sandwich():
     low = np.minimum(smooth, np.minimum(light, curved) - reaches[:15])
     high = np.maximum(smooth, np.maximum(light, curved) + reaches[:15])
     low[12:] = np.maximum(low[12:], 0.0)
-    found = intervals_of(objective, best)
-    tables, taus = (*found[:12], *found[14:17]), found[12:14]
+    actual = intervals_of(objective, best)
+    tables, taus = (*actual[:12], *actual[14:17]), actual[12:14]
     assert [own.name for own in tables[12:]] == ["R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]"]
     np.testing.assert_allclose([own.standard_error for own in tables], errors[:15], rtol=1e-9)
     np.testing.assert_allclose([own.value for own in tables], smooth, rtol=1e-9)

@@ -66,8 +66,8 @@ def identified(records, **options):
 
 
 def interval(fit, name):
-    (found,) = (each for each in fit.intervals if each.name == name and each.soc is None)
-    return found
+    (actual,) = (each for each in fit.intervals if each.name == name and each.soc is None)
+    return actual
 
 
 @pytest.fixture(scope="module")
@@ -88,8 +88,8 @@ def test_a_beta_of_the_measured_temperature_is_identified(followed):
     known = fit.tables.dependence
     assert known.beta_per_k == pytest.approx(BETA, rel=0.03)
     assert (known.heating_tau_s, known.onset_a) == (None, None)
-    found = interval(fit, "beta [1/K]")
-    assert found.low < BETA < found.high
+    actual = interval(fit, "beta [1/K]")
+    assert actual.low < BETA < actual.high
     true_ohm = R0_OHM * np.exp(-BETA * (known.reference_degc - REFERENCE_DEGC))
     own = [each for each in fit.of_table("R0 [Ohm]") if each.low is not None]
     np.testing.assert_allclose([each.value for each in own], true_ohm, rtol=0.02)
@@ -126,8 +126,8 @@ def test_a_simulation_follows_the_temperature_that_it_is_given(followed):
         "Temperature [degC]": record.temperature_degc,
     }
     with warnings.catch_warnings(action="ignore"):
-        found = followed.simulate(frame, initial_soc=float(soc[0]))
-    assert np.sqrt(np.mean((found["Voltage [V]"] - record.voltage_v) ** 2)) < 1.5e-3
+        actual = followed.simulate(frame, initial_soc=float(soc[0]))
+    assert np.sqrt(np.mean((actual["Voltage [V]"] - record.voltage_v) ** 2)) < 1.5e-3
     # A temperature that is given beside another in the column is warned of.
     given_degc = next(degc for _, degc in followed.measured_at if degc is not None)
     frame["Temperature [degC]"] = record.temperature_degc + 20.0
@@ -183,14 +183,14 @@ def test_resistances_that_differ_with_the_direction_are_identified_from_one_reco
     fit = identified([record]).fit
     known = fit.tables.dependence
     # Left out, they are warned of.
-    told = [one.code for one in identified([record], resistances_follow="none").warnings]
-    assert ("tables.direction-left-out" in told) is (ratio != 1)
+    codes = [one.code for one in identified([record], resistances_follow="none").warnings]
+    assert ("tables.direction-left-out" in codes) is (ratio != 1)
     if ratio == 1:
         assert known is None
     else:
         assert known.charge_ratio == pytest.approx(ratio, rel=0.01)
-        found = interval(fit, "charge ratio")
-        assert found.low < ratio < found.high
+        actual = interval(fit, "charge ratio")
+        assert actual.low < ratio < actual.high
         r0_ohm = [each.value for each in fit.of_table("R0 [Ohm]") if each.low is not None]
         np.testing.assert_allclose(r0_ohm, R0_OHM * math.sqrt(ratio), rtol=0.02)
     apart_v = [
@@ -227,8 +227,8 @@ def test_what_may_be_anything_has_no_interval(kappa_per_a2):
     held = {"tau1 [s]": (TAU_S[0],) * 2, "tau2 [s]": (TAU_S[1],) * 2}
     objective = reduced_objective([prepared.with_dependence(weak)], TableSettings(), held)
     best = objective.solve(tuple(math.log(low) for low, _ in held.values()))
-    (found,) = (each for each in intervals_of(objective, best) if each.name == "kappa [1/A2]")
-    assert (found.low, found.high, found.standard_error) == (None, None, 0.0)
+    (actual,) = (each for each in intervals_of(objective, best) if each.name == "kappa [1/A2]")
+    assert (actual.low, actual.high, actual.standard_error) == (None, None, 0.0)
 
 
 def test_a_temperature_that_nobody_measured_cannot_be_followed():
@@ -240,8 +240,8 @@ def test_a_temperature_that_nobody_measured_cannot_be_followed():
 def test_heat_is_the_low_passed_square():
     """Closed form of a constant current, on an uneven clock."""
     time_s = np.cumsum(np.random.default_rng(0).uniform(0.1, 30.0, 400))
-    found = heat_of(time_s, np.full(399, 3.0), 250.0)
-    np.testing.assert_allclose(found, 9 * -np.expm1(-(time_s - time_s[0]) / 250.0), rtol=1e-12)
+    actual = heat_of(time_s, np.full(399, 3.0), 250.0)
+    np.testing.assert_allclose(actual, 9 * -np.expm1(-(time_s - time_s[0]) / 250.0), rtol=1e-12)
 
 
 def test_between_two_temperatures_what_is_followed_changes_without_a_jump():

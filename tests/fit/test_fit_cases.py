@@ -87,7 +87,7 @@ def charged(tmp_path_factory):
 
 
 def test_a_charge_with_one_pause_is_answered_by_its_ocv(charged):
-    found = identify(
+    actual = identify(
         charged / "charge.csv",
         ocv=charged / "ocv.csv",
         capacity=2.0,
@@ -97,10 +97,10 @@ def test_a_charge_with_one_pause_is_answered_by_its_ocv(charged):
         **QUICK,
     )
     for name, ohm in (("R0 [Ohm]", 0.040), ("R1 [Ohm]", 0.025)):
-        low, high = interval(found, name)
+        low, high = interval(actual, name)
         assert low < ohm < high
         assert high < 1.2 * low
-    assert not unfit(found)
+    assert not unfit(actual)
 
 
 CALCE = SHARED / "calce-inr18650-20r"
@@ -114,18 +114,18 @@ def test_an_ocv_that_loads_alone_visit_is_not_determined_near_empty(has_test):
     than 3.4 V there, for no OCV may fall with rising SOC."""
     test = CALCE / "ocv-incremental_25degC_SP20-3.parquet"
     drive = CALCE / "dst_25degC_80soc_SP20-2.parquet"
-    found = identify(drive, ocv=test if has_test else (), folds=0, **SMALL)
+    actual = identify(drive, ocv=test if has_test else (), folds=0, **SMALL)
     name = "OCV correction [V]" if has_test else "OCV [V]"
-    low = [node for node in found.fit.of_table(name) if (node.soc or 0.0) <= 0.05]
+    low = [node for node in actual.fit.of_table(name) if (node.soc or 0.0) <= 0.05]
     assert {node.low for node in low} == {None}
     assert all(
-        node.low is not None for node in found.fit.of_table(name) if 0.1 < (node.soc or 0.0) < 0.9
+        node.low is not None for node in actual.fit.of_table(name) if 0.1 < (node.soc or 0.0) < 0.9
     )
-    told = [one for one in found.warnings if one.code == "ocv-test.overruled"]
-    assert len(told) == has_test
-    if told:
-        assert told[0].values["soc"] == 0.0
-        assert told[0].values["moved_v"] > 3.4 - 3.298
+    notices = [one for one in actual.warnings if one.code == "ocv-test.overruled"]
+    assert len(notices) == has_test
+    if notices:
+        assert notices[0].values["soc"] == 0.0
+        assert notices[0].values["moved_v"] > 3.4 - 3.298
 
 
 @pytest.mark.parametrize(

@@ -254,8 +254,8 @@ def test_a_hysteresis_that_turns_as_slowly_as_an_ocv_is_not_distinguished_from_i
 def test_a_circuit_that_was_asked_for_without_the_hysteresis_shown_says_so(half_gap_v):
     record, _ = hysteretic(half_gap_v)
     result = barnax.identify(record, window=FROM_FULL, **SMALL)
-    told = [warning.code for warning in result.warnings]
-    assert ("tables.hysteresis-left-out" in told) is bool(half_gap_v)
+    codes = [warning.code for warning in result.warnings]
+    assert ("tables.hysteresis-left-out" in codes) is bool(half_gap_v)
 
 
 @pytest.mark.slow
@@ -318,8 +318,8 @@ def test_a_cold_cell_is_not_taken_for_another_cell(real_data, records, test, giv
     options = {"over": "soc", "max_boxes": 0, "seeds": 0, "trust": "none", **given}
     at = options.pop("at", "")
     means = [in_means(read_record(real_data / f"{name}{at}.parquet"), 1.0) for name in records]
-    found = barnax.identify(means, model="so-rc", ocv=real_data / f"{test}{at}.parquet", **options)
-    assert ("ocv-test.disagrees" in {told.code for told in found.warnings}) == is_wrong
+    actual = barnax.identify(means, model="so-rc", ocv=real_data / f"{test}{at}.parquet", **options)
+    assert ("ocv-test.disagrees" in {notice.code for notice in actual.warnings}) == is_wrong
 
 
 def with_a_test(record, wrong):
@@ -355,9 +355,9 @@ def test_a_record_that_is_not_suitable_cannot_speak_against_its_ocv_test(tmp_pat
     frame.write_csv(tmp_path / "one.csv")
     nodes = np.linspace(0, 1, 101)
     test = {"SOC": nodes, "OCV [V]": ocv_v(nodes) + 0.1 * np.sin(np.pi * nodes)}
-    found = barnax.identify(tmp_path / "one.csv", ocv=test, capacity=2.0, **SMALL)
-    codes = {told.code for told in found.warnings}
-    assert found.fit.ocv_compared.median_v > 0.05
+    actual = barnax.identify(tmp_path / "one.csv", ocv=test, capacity=2.0, **SMALL)
+    codes = {notice.code for notice in actual.warnings}
+    assert actual.fit.ocv_compared.median_v > 0.05
     assert "role.unfit" in codes
     assert "ocv-test.disagrees" not in codes
 
@@ -396,10 +396,10 @@ def narrow():
 
 def test_nodes_of_the_ocv_without_samples_are_reported_where_resistances_have_one_value(narrow):
     result, soc = narrow
-    (told,) = [one for one in result.warnings if one.code == "tables.mostly-unvisited"]
+    (notice,) = [one for one in result.warnings if one.code == "tables.mostly-unvisited"]
     nodes = result.tables.settings.ocv_nodes
     seen = [node.soc for node in result.fit.of_table(OCV)]
-    assert told.values["share"] == pytest.approx(1 - len(seen) / len(nodes))
+    assert notice.values["share"] == pytest.approx(1 - len(seen) / len(nodes))
     (caveat,) = [text for text in tables_of(result).caveats if "No sample is near SOC" in text]
     last = float(caveat.partition("SOC 0 to ")[2].partition(":")[0])
     assert soc.min() - 0.05 < last < soc.min()
@@ -414,8 +414,8 @@ def test_one_node_beside_an_ocv_test_is_the_constant_circuit():
     assert (result.over, result.tables) == (None, None)
     assert result.parameters["R0 [Ohm]"] == pytest.approx(R0_OHM, rel=0.02)
     assert len(result.fit.tables.nodes) == 1
-    (told,) = [warning for warning in result.warnings if warning.code == "answer.at-bound"]
-    assert (told.values["name"], told.values["side"]) == ("tau2 [s]", "upper")
+    (notice,) = [warning for warning in result.warnings if warning.code == "answer.at-bound"]
+    assert (notice.values["name"], notice.values["side"]) == ("tau2 [s]", "upper")
 
 
 @pytest.mark.slow

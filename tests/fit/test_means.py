@@ -73,8 +73,8 @@ def test_means_of_95_in_100_cells_are_in_their_intervals():
     hits = []
     for seed in range(40):
         objective = reduced_objective([prepared_of(simulated(seed, (0.02, 0.03)))], SETTINGS, HELD)
-        found = intervals_of(objective, objective.solve(LOG_SCALES, exact=True))
-        means = [own for own in found if own.soc is None and own.name in NAMES]
+        actual = intervals_of(objective, objective.solve(LOG_SCALES, exact=True))
+        means = [own for own in actual if own.soc is None and own.name in NAMES]
         truth = (0.05, 0.02, 0.03)
         hits.append([m.low <= ohm <= m.high for m, ohm in zip(means, truth, strict=True)])
     # 95 % of 120, give or take, for the three of a cell hang together.
@@ -84,8 +84,8 @@ def test_means_of_95_in_100_cells_are_in_their_intervals():
 def r0_interval(prepared):
     """The interval of the mean of R0, at time constants held at the truth."""
     objective = reduced_objective([prepared], SETTINGS, HELD)
-    found = intervals_of(objective, objective.solve(LOG_SCALES, exact=True))
-    return next(own for own in found if own.soc is None and own.name == "R0 [Ohm]")
+    actual = intervals_of(objective, objective.solve(LOG_SCALES, exact=True))
+    return next(own for own in actual if own.soc is None and own.name == "R0 [Ohm]")
 
 
 @in_float64
@@ -149,8 +149,8 @@ def test_a_resistance_at_zero_is_at_most_what_the_data_leave(seed):
     prepared = prepared_of(simulated(seed, (0.02, 0.0)))
     objective = reduced_objective([prepared], settings, HELD)
     best = objective.solve(LOG_SCALES, exact=True)
-    found = {own.name: own for own in intervals_of(objective, best) if own.soc is None}
-    r2 = found["R2 [Ohm]"]
+    actual = {own.name: own for own in intervals_of(objective, best) if own.soc is None}
+    r2 = actual["R2 [Ohm]"]
     columns, base = columns_of(prepared)
     # One node of a table is all of them alike.
     columns = columns @ np.kron(np.eye(3), np.ones((4, 1)))

@@ -30,9 +30,9 @@ def objective_of(prepared, settings=SMALL, gamma_range=None):
 @in_float64
 def whole(objective, place):
     """Every sample's columns and the penalty's rows, and the target, for SciPy."""
-    found = objective.solve(place)
-    columns, base, _ = map(np.concatenate, zip(*jacobian_blocks(objective, found), strict=True))
-    base, unknowns = base[:, 0], len(found.unknowns)
+    actual = objective.solve(place)
+    columns, base, _ = map(np.concatenate, zip(*jacobian_blocks(objective, actual), strict=True))
+    base, unknowns = base[:, 0], len(actual.unknowns)
     matrix = np.concatenate([columns[:, :unknowns] / np.sqrt(len(base)), objective.table_penalty])
     # An OCV correction that may fall by so much only is the sum of its steps.
     steps = np.eye(unknowns)
@@ -68,16 +68,16 @@ def falling(prepared):
 )
 def test_scipy_finds_the_same_tables_on_all_samples(name, amplitude, request):
     prepared = request.getfixturevalue(name)
-    objective, place = objective_and_scales(prepared, half_hysteresis=amplitude)
-    found = objective.solve(place, exact=True)
-    matrix, target, steps = whole(objective, place)
+    objective, log_scales = objective_and_scales(prepared, half_hysteresis=amplitude)
+    actual = objective.solve(log_scales, exact=True)
+    matrix, target, steps = whole(objective, log_scales)
     other = lsq_linear(matrix @ steps, -target, objective.box, method="bvls", tol=1e-14)
-    assert found.rms_v == pytest.approx(np.sqrt(2 * other.cost), rel=1e-9)
-    assert np.concatenate(found.values) == pytest.approx(steps @ other.x, rel=1e-6, abs=1e-8)
+    assert actual.rms_v == pytest.approx(np.sqrt(2 * other.cost), rel=1e-9)
+    assert np.concatenate(actual.values) == pytest.approx(steps @ other.x, rel=1e-6, abs=1e-8)
     # The scan of these tables has the error that the factor says.
-    tables = objective.tables_at(found)
+    tables = objective.tables_at(actual)
     error_v = (prepared.voltage_v - simulate_circuit(prepared, tables))[prepared.scored]
-    assert np.sqrt(np.mean(error_v**2)) == pytest.approx(np.linalg.norm(found.error), rel=1e-9)
+    assert np.sqrt(np.mean(error_v**2)) == pytest.approx(np.linalg.norm(actual.error), rel=1e-9)
 
 
 def test_a_corrected_ocv_rises_between_all_nodes_unless_it_is_left_free(falling):
@@ -127,14 +127,14 @@ def test_many_blocks_are_one_scan_over_all_samples(name, request, monkeypatch):
     assert 4 * 512 < len(prepared.soc) < preparing.BLOCK
     for module in (preparing, reduced, reference):
         monkeypatch.setattr(module, "BLOCK", 512)
-    objective, place = objective_and_scales(prepared)
-    found = objective.solve(place, exact=True)
-    tables = objective.tables_at(found)
+    objective, log_scales = objective_and_scales(prepared)
+    actual = objective.solve(log_scales, exact=True)
+    tables = objective.tables_at(actual)
     simulated_v = simulate_circuit(prepared, tables)
     monkeypatch.undo()
     assert simulated_v == pytest.approx(simulate_circuit(prepared, tables), rel=1e-12, abs=1e-13)
     error_v = (prepared.voltage_v - simulated_v)[prepared.scored]
-    assert np.linalg.norm(found.error) == pytest.approx(np.sqrt(np.mean(error_v**2)), rel=1e-10)
+    assert np.linalg.norm(actual.error) == pytest.approx(np.sqrt(np.mean(error_v**2)), rel=1e-10)
 
 
 def test_a_longer_record_holds_no_more_than_a_few_of_its_arrays(bundled_record, bundled_cell):

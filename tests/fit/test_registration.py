@@ -104,12 +104,12 @@ def test_intervals_of_starts_hold_what_straight_lines_between_nodes_leave_out():
 
 def test_a_record_to_validate_on_is_scored_with_its_start_moved_too(registered):
     record, _ = made(7, start=0.98)
-    found = registered.validate(record, Window(initial_soc=0.99, capacity_ah=2.0))
-    moved_soc, rmse_v = found.registered
+    actual = registered.validate(record, Window(initial_soc=0.99, capacity_ah=2.0))
+    moved_soc, rmse_v = actual.registered
     soc = [each.window.initial_soc for each in registered.of_role("identification")]
     axis = np.mean(soc) - TRUE_SOC.mean()
     assert moved_soc == pytest.approx(-0.01 + axis, abs=2e-3)
-    assert rmse_v < 0.5 * found.metrics.rmse_v
+    assert rmse_v < 0.5 * actual.metrics.rmse_v
     stays = registered.validate(record, Window(initial_soc=0.99 + moved_soc, capacity_ah=2.0))
     assert abs(stays.registered[0]) < 1e-3
 
@@ -148,15 +148,15 @@ def prepared_with(record, capacity_ah, points=401):
 def test_charge_that_an_ocv_test_and_a_record_do_not_share_is_identified_by_its_rests(emptied):
     record, capacity_ah = emptied
     told = prepared_with(record, 1.03 * capacity_ah)
-    found = register_on_ocv_test(told, TableSettings())
-    known = found.window.registration
+    actual = register_on_ocv_test(told, TableSettings())
+    known = actual.window.registration
     assert known.by == "OCV test"
     assert (known.given_soc, known.given_capacity_ah) == (1.0, told.capacity_ah)
-    assert found.capacity_ah == pytest.approx(capacity_ah, rel=2e-3)
-    assert found.start.soc == pytest.approx(1.0, abs=2e-3)
+    assert actual.capacity_ah == pytest.approx(capacity_ah, rel=2e-3)
+    assert actual.start.soc == pytest.approx(1.0, abs=2e-3)
     error_v, told_v = (
         fit_tables([each], TableSettings(max_boxes=0, folds=0)).errors[0].rmse_v
-        for each in (found, told)
+        for each in (actual, told)
     )
     assert error_v < 0.3 * told_v
     right = prepared_with(record, capacity_ah)
@@ -172,12 +172,12 @@ def test_what_an_ocv_test_tells_of_the_capacity_counts_for_records_to_validate_o
     sweep = make_record(3600 * hours, swept_a, flat_v(1 - hours / 40), name="ocv.csv")
     options = {**ALONE, "folds": 0, "window": Window(initial_soc=1.0)}
     other = replace(record, name="other.csv", voltage_v=record.voltage_v + 1e-5)
-    found = barnax.identify([record], ocv=[sweep], validate=[other], **options)
-    assert found.cell.capacity_ah == pytest.approx(capacity_ah, rel=3e-3)
-    assert found.cell_at().capacity_ah == found.cell.capacity_ah
-    own_v = found.candidates[0].identification.rmse_v
-    assert found.candidates[0].validation_v[0] < 1.2 * own_v
-    assert found.validate(other, Window(initial_soc=1.0)).metrics.rmse_v < 1.2 * own_v
+    actual = barnax.identify([record], ocv=[sweep], validate=[other], **options)
+    assert actual.cell.capacity_ah == pytest.approx(capacity_ah, rel=3e-3)
+    assert actual.cell_at().capacity_ah == actual.cell.capacity_ah
+    own_v = actual.candidates[0].identification.rmse_v
+    assert actual.candidates[0].validation_v[0] < 1.2 * own_v
+    assert actual.validate(other, Window(initial_soc=1.0)).metrics.rmse_v < 1.2 * own_v
     # Where a capacity is given, that is what others have.
     given = barnax.identify([record], ocv=[sweep], capacity=tested_ah, **options)
     assert given.cell.capacity_ah == pytest.approx(tested_ah)
@@ -195,16 +195,16 @@ def test_a_charge_is_counted_over_the_capacity_that_the_test_tells_of_a_drive_be
     drive, other = (prepared(drive_a(1500, seed), 1.0) for seed in (0, 1))
     charge = prepared(np.full(1500, -1.0), 0.1)
     told, moved = [drive, other, charge], drive.registered(0.99, 0.97 * whole_ah)
-    found = with_common_capacity(told, [moved, other, charge])
-    capacities = [one.capacity_ah / whole_ah for one in found]
+    actual = with_common_capacity(told, [moved, other, charge])
+    capacities = [one.capacity_ah / whole_ah for one in actual]
     assert capacities == pytest.approx([0.97, 1.0, 0.97])
     # What is fitted is prepared from the windows.
-    assert found[2].window.capacity_ah == pytest.approx(0.97 * whole_ah)
-    assert found[2].window.registration.by == "OCV test"
-    assert found[2].window.unregistered == charge.window
+    assert actual[2].window.capacity_ah == pytest.approx(0.97 * whole_ah)
+    assert actual[2].window.registration.by == "OCV test"
+    assert actual[2].window.unregistered == charge.window
     given = charge.in_window(replace(charge.window, capacity_ah=1.01 * whole_ah))
     assert with_common_capacity([drive, given], [moved, given])[1] is given
-    assert np.ptp(found[2].soc) == pytest.approx(np.ptp(charge.soc) / 0.97)
+    assert np.ptp(actual[2].soc) == pytest.approx(np.ptp(charge.soc) / 0.97)
     # Where the test tells nothing of any, all stay as told.
     assert with_common_capacity(told, told) == told
 
@@ -228,9 +228,9 @@ def test_tables_of_an_lfp_drive_hold_on_its_charge_once_both_are_on_one_axis(rea
     assert drive.capacity_ah == pytest.approx(2.0, abs=0.01)
     tables = fit_tables([drive], TableSettings(max_boxes=0, folds=0)).tables
     assert pooled_errors([charge], tables).rmse_v < 12e-3
-    found = pooled_errors([counted], tables)
-    assert found.rmse_v < 8e-3
-    assert found.above_v < 8e-3
+    actual = pooled_errors([counted], tables)
+    assert actual.rmse_v < 8e-3
+    assert actual.above_v < 8e-3
     together = fit_tables([drive, charge], TableSettings(max_boxes=0, folds=0)).errors
     assert max(each.rmse_v for each in together) < 5e-3
 
@@ -243,10 +243,10 @@ def test_records_of_different_rates_tell_an_offset_of_their_current(offset_a):
     # What is told of the starts is not quite right either.
     started = zip(records, (0.983, 0.978), strict=True)
     windows = {each.name: Window(initial_soc=soc, capacity_ah=2.0) for each, soc in started}
-    found = barnax.identify(records, window=windows, folds=0, **ALONE)
-    told = [each for each in found.warnings if each.code == "answer.current-offset"]
-    assert len(told) == (offset_a != 0)
-    for each in told:
+    actual = barnax.identify(records, window=windows, folds=0, **ALONE)
+    notices = [each for each in actual.warnings if each.code == "answer.current-offset"]
+    assert len(notices) == (offset_a != 0)
+    for each in notices:
         # 95 % of the time within this; the sign is that of the files, which charge positive.
         assert each.values["error_a"] < 4e-3
         assert each.values["offset_a"] == pytest.approx(offset_a, abs=each.values["error_a"])
@@ -266,9 +266,9 @@ def test_a_load_that_passes_zero_is_no_rest_that_reads_zero(rest_a, is_zero):
 
 def test_a_rest_far_from_the_ocv_of_a_record_to_validate_on_is_reported(emptied):
     record, capacity_ah = emptied
-    (told,) = rest_warnings(prepared_with(record, 1.03 * capacity_ah))
-    assert told.code == "soc.rest-off-ocv"
-    assert told.values["own_ah"] == pytest.approx(capacity_ah, rel=5e-3)
+    (notice,) = rest_warnings(prepared_with(record, 1.03 * capacity_ah))
+    assert notice.code == "soc.rest-off-ocv"
+    assert notice.values["own_ah"] == pytest.approx(capacity_ah, rel=5e-3)
     assert not rest_warnings(prepared_with(record, capacity_ah))
 
 

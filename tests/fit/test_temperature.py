@@ -74,8 +74,8 @@ def test_shared_time_constants_are_the_least_of_the_weighted_sum(prepared):
 
     start = np.log(fit.tables.tables[0].tau_s)
     assert fit.over_temperature.objective_v**2 == pytest.approx(mean_square(start), rel=1e-9)
-    found = minimize(mean_square, start, method="Nelder-Mead", options={"maxfev": 15})
-    assert fit.over_temperature.objective_v**2 <= found.fun * (1 + 1e-6)
+    actual = minimize(mean_square, start, method="Nelder-Mead", options={"maxfev": 15})
+    assert fit.over_temperature.objective_v**2 <= actual.fun * (1 + 1e-6)
     assert fit.over_temperature.separate_v <= fit.over_temperature.objective_v * (1 + 1e-12)
 
 
@@ -92,8 +92,8 @@ def test_shared_time_constants_are_proved_as_closely_where_sharing_them_costs(pr
 
 def test_a_resistance_that_falls_and_rises_is_named(prepared):
     cells = {degc: [made(prepared, degc, f)] for degc, f in zip(DEGC, (1.5, 1.0, 1.2), strict=True)}
-    found = fit_temperatures(cells, LIGHT).over_temperature.reversals
-    r0 = [each for each in found if each.name == "R0 [Ohm]"]
+    actual = fit_temperatures(cells, LIGHT).over_temperature.reversals
+    r0 = [each for each in actual if each.name == "R0 [Ohm]"]
     assert r0
     assert r0[-1].values_ohm == pytest.approx(
         np.interp(r0[-1].soc, NODES, [1.3, 1.1, 1.0, 1.0, 1.05]) * np.array([0.06, 0.04, 0.048]),
@@ -145,5 +145,5 @@ def test_measured_temperatures_share_time_constants_at_no_cost(samsung):
     assert 0.018 < fit.over_temperature.left_out[1].errors.above_v < 0.024
     # A record nobody has seen, at a measured temperature, has that one's tables.
     assert fit.over_temperature.measured_near(43.0) == 45.0
-    found = pooled_errors([prepared("us06", 45)], fit.at(43.0))
-    assert found.rmse_v == pytest.approx(16.1e-3, rel=0.1)
+    actual = pooled_errors([prepared("us06", 45)], fit.at(43.0))
+    assert actual.rmse_v == pytest.approx(16.1e-3, rel=0.1)

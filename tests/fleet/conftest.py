@@ -85,9 +85,9 @@ def bucket(s3_server):
     """A new bucket there."""
     from barnax.files import located
 
-    found = located(f"s3://bucket-{uuid.uuid4().hex}")
-    found.fs.mkdir(found.path)
-    return found
+    actual = located(f"s3://bucket-{uuid.uuid4().hex}")
+    actual.fs.mkdir(actual.path)
+    return actual
 
 
 def require_equal(rows, others):

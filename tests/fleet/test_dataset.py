@@ -92,10 +92,10 @@ def carried(out, is_one_part, *values):
     folder.mkdir(parents=True)
     for place, part in enumerate([rows] if is_one_part else [[row] for row in rows]):
         write_rows(folder / f"{place:032x}.parquet", part)
-    found = read_rows(out)["carried"].to_list()
+    actual = read_rows(out)["carried"].to_list()
     compact(out)
-    assert read_rows(out)["carried"].to_list() == found
-    return found
+    assert read_rows(out)["carried"].to_list() == actual
+    return actual
 
 
 @pytest.mark.parametrize("is_one_part", [pytest.param(True, marks=pytest.mark.slow), False])

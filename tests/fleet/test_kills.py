@@ -70,10 +70,10 @@ def command(many, out, *more):
 
 def workers_of(driver):
     try:
-        found = Path(f"/proc/{driver}/task/{driver}/children").read_text().split()
+        actual = Path(f"/proc/{driver}/task/{driver}/children").read_text().split()
     except OSError:
         return []
-    lines = [(int(each), Path(f"/proc/{each}/cmdline").read_bytes()) for each in found]
+    lines = [(int(each), Path(f"/proc/{each}/cmdline").read_bytes()) for each in actual]
     return [each for each, line in lines if b"spawn_main" in line]
 
 

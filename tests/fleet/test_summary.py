@@ -46,17 +46,17 @@ def rows():
 
 
 def test_the_summary_has_what_was_put_in(rows):
-    found = summarize(rows)
-    assert (found.cells, found.identified, found.certified) == (46, 40, 39)
-    assert found.at_bound == 1
-    assert [(each.text, len(each.ids)) for each in found.warnings] == [("look", 5)]
-    r0 = next(each for each in found.distributions if each.name == "R0 [Ohm]")
+    actual = summarize(rows)
+    assert (actual.cells, actual.identified, actual.certified) == (46, 40, 39)
+    assert actual.at_bound == 1
+    assert [(each.text, len(each.ids)) for each in actual.warnings] == [("look", 5)]
+    r0 = next(each for each in actual.distributions if each.name == "R0 [Ohm]")
     assert r0.median == pytest.approx(0.02 * np.exp(0.002 * 195), rel=0.03)
-    assert [each.name for each in found.distributions] == ["R0 [Ohm]", "tau1 [s]", "RMSE [V]"]
-    (outlier,) = found.outliers
+    assert [each.name for each in actual.distributions] == ["R0 [Ohm]", "tau1 [s]", "RMSE [V]"]
+    (outlier,) = actual.outliers
     assert (outlier.id, outlier.name) == ("cell 17", "tau1 [s]")
     assert outlier.deviations > 5
     # Causes of one code are as many as their words without numbers.
-    causes = {each.ids for each in found.failures}
+    causes = {each.ids for each in actual.failures}
     assert causes == {("bad 0", "bad 1"), ("bad 2",), ("bad 3", "bad 5"), ("bad 4",)}
-    assert [name for name, _ in found.worst] == [f"cell {n}" for n in range(39, 29, -1)]
+    assert [name for name, _ in actual.worst] == [f"cell {n}" for n in range(39, 29, -1)]

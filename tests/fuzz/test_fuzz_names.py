@@ -70,9 +70,9 @@ def test_exported_data_are_the_same_whatever_the_record_is_called(examples):
 
     def survive(name: str) -> None:
         assert json.loads(export("json", name)) | {"notes": None} == plain | {"notes": None}
-        found = loadmat(io.BytesIO(export("simscape", name)))
-        assert found.keys() == tables.keys()
-        same = [np.array_equal(found[key], tables[key]) for key in tables if key.endswith("_vec")]
+        actual = loadmat(io.BytesIO(export("simscape", name)))
+        assert actual.keys() == tables.keys()
+        same = [np.array_equal(actual[key], tables[key]) for key in tables if key.endswith("_vec")]
         assert same
         assert all(same)
 

@@ -58,8 +58,8 @@ def least_error(reduced, place):
     low, high = (end[:, 0] for end in reduced.coefficient_box(np.array(place)[:, None]))
     free = high > low
     base = reduced.base + matrix[:, ~free] @ low[~free]
-    found = lsq_linear(matrix[:, free], -base, (low[free], high[free]), method="bvls", tol=1e-14)
-    return np.sqrt(2 * found.cost)
+    actual = lsq_linear(matrix[:, free], -base, (low[free], high[free]), method="bvls", tol=1e-14)
+    return np.sqrt(2 * actual.cost)
 
 
 def lowest_on_grid(reduced):
@@ -167,8 +167,8 @@ def test_no_circuit_beats_the_bound(bundled_cell, seed, noise_v, max_boxes, chan
     lowest_v = lowest_on_grid(reduced)[1]
     proof = proved(reduced, lowest_v, max_boxes)
     bound_v = proof.lower_bound_v
-    for place in random_scales(reduced, 15, seed):
-        assert least_error(reduced, place) >= bound_v
+    for log_scales in random_scales(reduced, 15, seed):
+        assert least_error(reduced, log_scales) >= bound_v
     if max_boxes == MANY:
         assert proof.boxes < MANY
         assert bound_v >= proof.best.rmse_v * (1 - 1.01 * CERTIFIED_GAP)
@@ -252,16 +252,16 @@ def least_rmse(problem, low, high, taus, gamma):
     base = base - columns @ reference
     free = high > low
     target = -(base + columns[:, ~free] @ low[~free])
-    found = lsq_linear(columns[:, free], target, (low[free], high[free]), method="bvls", tol=1e-14)
-    return np.sqrt(2 * found.cost / len(base))
+    actual = lsq_linear(columns[:, free], target, (low[free], high[free]), method="bvls", tol=1e-14)
+    return np.sqrt(2 * actual.cost / len(base))
 
 
 def some_scales(objective, count, seed=0):
     """Scales in the box, those of interchangeable pairs in order."""
     low, high = np.transpose([[axis.low, axis.high] for axis in objective.axes])
-    found = np.random.default_rng(seed).uniform(low, high, (count, len(low)))
-    found[:, : objective.interchangeable].sort(axis=1)
-    return found
+    points = np.random.default_rng(seed).uniform(low, high, (count, len(low)))
+    points[:, : objective.interchangeable].sort(axis=1)
+    return points
 
 
 def resistance_limits(bounds, tau_s):
@@ -315,8 +315,8 @@ def test_minima_of_the_grid_are_in_order_and_the_best_comes_first(problem_of):
 )
 def test_a_fixed_value_is_one_point_of_its_axis(problem_of, case, axis, value):
     objective = ConstantObjective.of(problem_of(case))
-    found = lowest_scales(objective, GridSizes({2: 8}, {2: 8}, 8), apart=False)
-    assert [scales[axis] for scales in found] == pytest.approx([np.log(value)] * len(found))
+    actual = lowest_scales(objective, GridSizes({2: 8}, {2: 8}, 8), apart=False)
+    assert [scales[axis] for scales in actual] == pytest.approx([np.log(value)] * len(actual))
 
 
 def test_minima_are_lower_than_all_around_them_and_the_best_comes_first():

@@ -18,11 +18,13 @@ def test_slopes_are_those_of_differences(bundled_record, bundled_cell, model, bo
     objective = ConstantObjective.of(problem)
     at = np.array([axis.low + 0.4 * (axis.high - axis.low) for axis in objective.axes])
     at[1] += 0.5
-    found = objective.solve(tuple(at))
-    assert found.active_set.any() or not bounds
-    for place, slope in enumerate(objective.slope(found)):
-        moved = 1e-5 * np.eye(len(at))[place]
-        up, down = (objective.solve(tuple(at + sign * moved), found.active_set) for sign in (1, -1))
+    actual = objective.solve(tuple(at))
+    assert actual.active_set.any() or not bounds
+    for index, slope in enumerate(objective.slope(actual)):
+        moved = 1e-5 * np.eye(len(at))[index]
+        up, down = (
+            objective.solve(tuple(at + sign * moved), actual.active_set) for sign in (1, -1)
+        )
         expected = (up.objective_v2 - down.objective_v2) / 2e-5
         assert slope == pytest.approx(expected, rel=1e-4, abs=1e-10)
 

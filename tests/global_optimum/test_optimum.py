@@ -88,9 +88,9 @@ def test_the_proof_finds_the_basin_that_the_grid_missed(short_problem, short_opt
     problem = replace(short_problem)
     missed = find_global_optimum(problem, prove=False)
     assert missed.rmse_v == pytest.approx(short_optimum.local_optima[0].rmse_v, rel=SAME)
-    found = find_global_optimum(problem)
-    assert found.rmse_v == pytest.approx(short_optimum.rmse_v, rel=SAME)
-    assert_certified(found, short_problem)
+    actual = find_global_optimum(problem)
+    assert actual.rmse_v == pytest.approx(short_optimum.rmse_v, rel=SAME)
+    assert_certified(actual, short_problem)
 
 
 def test_without_a_proof_nothing_is_claimed(short_problem, short_optimum):

@@ -41,13 +41,13 @@ def problem_of(cell, table):
 
 def test_on_an_even_clock_the_other_hold_moves_the_resistances_by_its_closed_form(pchip_cell):
     table = simulated(pchip_cell, 10.0 * np.arange(700), "backward")
-    found = find_global_optimum(problem_of(pchip_cell, table))
+    actual = find_global_optimum(problem_of(pchip_cell, table))
     decay = np.exp(-10 / np.array(TRUTH.tau_s))
     passed = np.array(TRUTH.r) * (1 - decay)
     # The sample's own charge moves the OCV by its slope, which is some 0.9 V but changes with SOC.
     own = 0.9 * 10 / 3600 / pchip_cell.capacity_ah
-    assert found.parameters.r == pytest.approx(tuple(decay * TRUTH.r), rel=0.08)
-    assert found.parameters.r0 == pytest.approx(TRUTH.r0 + passed.sum() + own, rel=0.02)
+    assert actual.parameters.r == pytest.approx(tuple(decay * TRUTH.r), rel=0.08)
+    assert actual.parameters.r0 == pytest.approx(TRUTH.r0 + passed.sum() + own, rel=0.02)
 
 
 @pytest.mark.parametrize("hold", ["forward", "backward"])

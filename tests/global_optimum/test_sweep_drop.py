@@ -48,8 +48,8 @@ def problem_of(hours, half_gap_v, circuit="iso-rc", directions=(-1, 1)):
 @pytest.mark.parametrize(("hours", "half_gap_v"), [(20, 0.0), (10, 0.0), (20, 0.01), (10, 0.01)])
 def test_the_drop_of_a_sweep_is_no_hysteresis(hours, half_gap_v):
     at_rest = without_sweep_drop(problem_of(hours, half_gap_v))
-    found = find_global_optimum(at_rest, prove=False).parameters
-    assert (found.r0, *found.r) == pytest.approx((R0_OHM, *R_OHM), rel=0.03)
+    actual = find_global_optimum(at_rest, prove=False).parameters
+    assert (actual.r0, *actual.r) == pytest.approx((R0_OHM, *R_OHM), rel=0.03)
     gap_v = half_gap_v * np.interp(INNER, KNOTS, SHAPE)
     np.testing.assert_allclose(at_rest.cell.hysteresis_v(INNER) / 2, gap_v, atol=1e-3)
 

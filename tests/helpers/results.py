@@ -36,8 +36,8 @@ GAMMA = 87.25
 
 def line(axes, label: str):
     """The one line of that label in a panel of a figure."""
-    (found,) = [each for each in axes.get_lines() if each.get_label() == label]
-    return found
+    (actual,) = [each for each in axes.get_lines() if each.get_label() == label]
+    return actual
 
 
 def labels(axes) -> list[str]:

@@ -200,22 +200,22 @@ def test_a_row_whose_ageing_has_not_settled_says_so(cell, monkeypatch):
 
 
 def test_a_record_of_an_aged_cell_tells_capacity_resistances_and_shift(once_measured):
-    found = once_measured()
-    assert all(found[name].is_determined for name in (CAPACITY, SHIFT, R0, R))
+    actual = once_measured()
+    assert all(actual[name].is_determined for name in (CAPACITY, SHIFT, R0, R))
     truth = {CAPACITY: OWN_AH, SHIFT: SHIFT_V, R0: OWN_R0, R: OWN_R0 + sum(PAIRS)}
-    assert found[CAPACITY].value == pytest.approx(OWN_AH, rel=0.01)
-    assert found[R0].value == pytest.approx(OWN_R0, rel=0.02)
+    assert actual[CAPACITY].value == pytest.approx(OWN_AH, rel=0.01)
+    assert actual[R0].value == pytest.approx(OWN_R0, rel=0.02)
     for name, value in truth.items():
-        assert found[name].low <= value <= found[name].high
+        assert actual[name].low <= value <= actual[name].high
 
 
 def test_an_ocv_of_another_shape_is_within_the_interval_of_a_capacity(once_measured):
-    found = once_measured(bent_v=0.03)
-    assert found[CAPACITY].low <= OWN_AH <= found[CAPACITY].high
+    actual = once_measured(bent_v=0.03)
+    assert actual[CAPACITY].low <= OWN_AH <= actual[CAPACITY].high
     # A change of shape is this cell's at this age: no other record shares that error.
-    variance = ((found[CAPACITY].high - found[CAPACITY].low) / (2 * 1.96)) ** 2
-    assert np.sum(np.square(found[CAPACITY].by_ocv)) < 0.25 * variance
-    assert found[R0].value == pytest.approx(OWN_R0, rel=0.02)
+    variance = ((actual[CAPACITY].high - actual[CAPACITY].low) / (2 * 1.96)) ** 2
+    assert np.sum(np.square(actual[CAPACITY].by_ocv)) < 0.25 * variance
+    assert actual[R0].value == pytest.approx(OWN_R0, rel=0.02)
 
 
 @pytest.mark.slow
@@ -266,7 +266,7 @@ def test_a_descent_goes_on_until_a_step_is_small_beside_the_errors(
 
 @pytest.mark.slow
 def test_the_voltage_that_gave_a_start_moves_with_a_shift_of_the_ocv(cell):
-    found = measured(cell, begun=0.98, opening_s=4000, shift_v=0.025)
-    assert all(found[name].is_determined for name in ("start SOC", SHIFT))
+    actual = measured(cell, begun=0.98, opening_s=4000, shift_v=0.025)
+    assert all(actual[name].is_determined for name in ("start SOC", SHIFT))
     for name, value in {"start SOC": 0.98, SHIFT: 0.025}.items():
-        assert found[name].low <= value <= found[name].high
+        assert actual[name].low <= value <= actual[name].high

@@ -34,8 +34,8 @@ def rows_of(sizes_v, seed=0):
 
 def capacities(rows):
     """Values and ends of the capacity, NaN where it is not determined."""
-    found = with_pooled_shapes(rows, "cell", "age", (CAPACITY,))
-    return np.array([found[f"aged {CAPACITY}{end}"].fill_null(np.nan) for end in ENDS])
+    actual = with_pooled_shapes(rows, "cell", "age", (CAPACITY,))
+    return np.array([actual[f"aged {CAPACITY}{end}"].fill_null(np.nan) for end in ENDS])
 
 
 def test_cells_that_keep_their_shape_tell_together_what_one_record_does_not():
@@ -76,7 +76,7 @@ def test_a_cell_whose_shape_changes_does_not_widen_the_others():
 def test_rows_of_one_cell_do_not_vote_for_each_other():
     rows = rows_of([0.0])
     every = np.ptp(capacities(rows)[1:], axis=0)
-    alone = [np.ptp(capacities(rows[[place]])[1:], axis=0)[0] for place in range(AGES)]
+    alone = [np.ptp(capacities(rows[[index]])[1:], axis=0)[0] for index in range(AGES)]
     np.testing.assert_allclose(every, alone)
 
 

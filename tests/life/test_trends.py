@@ -49,15 +49,15 @@ def test_the_restricted_likelihood_is_that_of_the_contrasts(is_shared):
     if is_shared:
         series = replace(series, of_cell=0.02 * series.of_fleet[..., :1])
     value = series.value.ravel()
-    found = []
+    collected = []
     for spread in (SPREAD, Spread(0.01, 0.02, 0.03, 0.04, 0.005, 0.7)):
         columns, covariance, _ = written_out(series, spread)
         contrasts = np.linalg.qr(columns, mode="complete")[0][:, 2:]
         density = multivariate_normal(cov=contrasts.T @ covariance @ contrasts)
         own = Fit(series, spread, np.ones(4, bool)).minus_two_log_likelihood
-        found.append(own + 2 * density.logpdf(contrasts.T @ value))
+        collected.append(own + 2 * density.logpdf(contrasts.T @ value))
     # Up to a constant.
-    assert found[0] == pytest.approx(found[1], abs=1e-6)
+    assert collected[0] == pytest.approx(collected[1], abs=1e-6)
 
 
 @pytest.mark.parametrize("shared", [0.0, 0.02])
@@ -77,8 +77,8 @@ def test_a_trend_is_the_best_prediction_of_the_model(shared):
     rest = columns[here] - gain @ columns
     variance = np.diag(common[here, here] + own - gain @ link.T)
     variance = variance + np.diag(rest @ np.linalg.inv(normal) @ rest.T)
-    found, error = Fit(series, SPREAD, np.ones(4, bool)).trend(0, age)
-    np.testing.assert_allclose(found, value, rtol=1e-7)
+    actual, error = Fit(series, SPREAD, np.ones(4, bool)).trend(0, age)
+    np.testing.assert_allclose(actual, value, rtol=1e-7)
     np.testing.assert_allclose(error, np.sqrt(variance), rtol=1e-6)
 
 
@@ -108,10 +108,10 @@ def test_intervals_of_trends_hold_the_truth(shared):
 def test_estimates_that_scatter_less_than_is_stated_have_narrower_trends():
     series, _ = fleet(np.random.default_rng(8))
     stated = replace(series, variance=4 * (series.variance + 0.003**2))
-    found = fit(stated)
-    assert 0.5 <= found.spread.share < 0.7
+    actual = fit(stated)
+    assert 0.5 <= actual.spread.share < 0.7
     np.testing.assert_allclose(
-        found.trend(1, series.age[1])[1], fit(series).trend(1, series.age[1])[1], rtol=0.3
+        actual.trend(1, series.age[1])[1], fit(series).trend(1, series.age[1])[1], rtol=0.3
     )
 
 

@@ -39,8 +39,8 @@ def test_any_guess_of_the_sides_ends_at_the_same_answer():
     normal, gradient = matrix.T @ matrix, matrix.T @ base
     expected, active_set = least_in_box(normal, gradient, low, high)
     for guess in (active_set, -np.ones_like(active_set) * np.isfinite(low)):
-        found, _ = least_in_box(normal, gradient, low, high, guess.astype(int))
-        assert found == pytest.approx(expected, rel=1e-6, abs=1e-9)
+        actual, _ = least_in_box(normal, gradient, low, high, guess.astype(int))
+        assert actual == pytest.approx(expected, rel=1e-6, abs=1e-9)
 
 
 def test_held_unknowns_keep_their_values():
@@ -96,16 +96,16 @@ def test_no_problem_ends_above_the_error_of_scipys_exact_solver(unknowns, seed, 
     high = low + rng.uniform(0, 1, (30, unknowns))
     if pinned:
         high[:, 0] = low[:, 0]
-    found = solved(columns, base, low, high)
-    assert np.all((low <= found) & (found <= high))
+    actual = solved(columns, base, low, high)
+    assert np.all((low <= actual) & (actual <= high))
     # Inside the box nothing is below the optimum; where columns are nearly alike SciPy's solver
     # itself can stop above it.
-    excess = error(columns, base, found) / expected_error(columns, base, low, high) - 1
+    excess = error(columns, base, actual) / expected_error(columns, base, low, high) - 1
     assert excess.max() < 1e-9
 
 
 def test_a_column_of_zeros_costs_nothing():
     columns = np.stack([np.zeros(ROWS), np.ones(ROWS)], axis=1)[None]
     low, high = np.array([[0.0, 0.0]]), np.array([[1.0, 1.0]])
-    (found,) = solved(columns, -0.25 * np.ones((1, ROWS)), low, high)
-    assert found[1] == pytest.approx(0.25)
+    (actual,) = solved(columns, -0.25 * np.ones((1, ROWS)), low, high)
+    assert actual[1] == pytest.approx(0.25)

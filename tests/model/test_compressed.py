@@ -51,8 +51,8 @@ def assert_both_agree(problem, scale="log"):
     with jax.enable_x64(True):
         scan, short = both_objectives(problem, scale)
         points = points_in(scan.coordinates, 20, 0)
-        expected, found = rmses_of(points, scan), rmses_of(points, short)
-    np.testing.assert_allclose(found, expected, rtol=RELATIVE, atol=ABSOLUTE_V)
+        expected, actual = rmses_of(points, scan), rmses_of(points, short)
+    np.testing.assert_allclose(actual, expected, rtol=RELATIVE, atol=ABSOLUTE_V)
 
 
 def assert_compressed_is_the_reference(problem, seed=0):
@@ -60,7 +60,7 @@ def assert_compressed_is_the_reference(problem, seed=0):
     with jax.enable_x64(True):
         short = both_objectives(problem)[1]
         points = points_in(short.coordinates, 20, seed)
-        found = rmses_of(points, short)
+        actual = rmses_of(points, short)
         rc = jax.tree.map(np.asarray, jax.vmap(short.coordinates.decode)(points))
     squares = np.zeros(len(points))
     for each in problem.prepared_records:
@@ -71,7 +71,7 @@ def assert_compressed_is_the_reference(problem, seed=0):
             error_v = (each.voltage_v - each.source_v + drop)[each.scored]
             squares[at] += error_v @ error_v
     expected = np.sqrt(squares / problem.scored)
-    np.testing.assert_allclose(found, expected, rtol=RELATIVE, atol=ABSOLUTE_V)
+    np.testing.assert_allclose(actual, expected, rtol=RELATIVE, atol=ABSOLUTE_V)
 
 
 # Every circuit, each on another clock and hold; in raw R and C, one with and one without a state

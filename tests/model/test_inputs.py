@@ -365,7 +365,7 @@ def test_samples_where_an_ocv_test_has_no_points_are_left_out_unless_the_voltage
     assert 10 < is_known.sum() < len(is_known)
     assert course.scored.sum() == is_known.sum()
     assert course.soc[course.scored].min() >= low
-    (warning,) = [told for told in course.warnings if told.code == "soc.without-ocv"]
+    (warning,) = [notice for notice in course.warnings if notice.code == "soc.without-ocv"]
     assert warning.values["left_out"] == np.count_nonzero(~is_known)
     with pytest.raises(InputError, match="by it the cell is empty before row"):
         prepared(cell, start, voltage_v=3.8)

@@ -185,8 +185,8 @@ def test_a_circuit_outside_the_box_is_encoded_at_its_nearest_end(scale):
     coordinates = Coordinates.of(DEFAULT, scale)
     outside = jax.tree.map(jnp.asarray, RCParameters(9.0, (9.0, 1e-9), (1e6, 1e-6)))
     circuit = physical(coordinates.decode(coordinates.encode(outside)))
-    found = [float(circuit[name]) for name in ("R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]")]
-    assert found == pytest.approx([0.2, 0.2, 1e-4])
+    actual = [float(circuit[name]) for name in ("R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]")]
+    assert actual == pytest.approx([0.2, 0.2, 1e-4])
 
 
 def test_an_unknown_scale_is_refused_with_the_known_ones():
@@ -207,13 +207,13 @@ def test_every_circuit_of_the_box_is_between_its_resistance_bounds_and_time_cons
     circuits = jax.vmap(coordinates.decode)(points_in(coordinates))
     tau_s = np.stack([np.asarray(tau) for tau in circuits.tau])
     low, high = bounds.resistance_box(tau_s)
-    found = np.stack([np.asarray(each) for each in (circuits.r0, *circuits.r)])
+    actual = np.stack([np.asarray(each) for each in (circuits.r0, *circuits.r)])
     # Where R C was clipped its C is no longer the box's.
     ends = np.array([bounds.tau_range_s(pair) for pair in (0, 1)])[:, :, None]
     assert ((ends[:, 0] * (1 - 1e-12) <= tau_s) & (tau_s <= ends[:, 1] * (1 + 1e-12))).all()
     limits = np.array(BOXES[name].tau_limits_s)[:, None, None]
     is_clipped = np.isclose(tau_s, limits, rtol=1e-12).any(axis=(0, 1))
-    inside = (low * (1 - 1e-11) <= found) & (found <= high * (1 + 1e-11))
+    inside = (low * (1 - 1e-11) <= actual) & (actual <= high * (1 + 1e-11))
     assert inside[:, ~is_clipped].all()
 
 

@@ -30,7 +30,7 @@ def assert_fitted(cell, record, soc, at):
     prepared = prepare_record(record, cell, "so-rc", Window(start_time_s=record.time_s[at]))
     fitted = prepared.start
     assert fitted.soc_source == "fitted"
-    assert "start.fitted" in {told.code for told in prepared.warnings}
+    assert "start.fitted" in {notice.code for notice in prepared.warnings}
     # The record follows the hysteresis of a direction, the fit the average OCV.
     assert abs(fitted.soc - soc[at]) < max(3 * fitted.soc_sd, 0.01)
 
@@ -43,9 +43,9 @@ PULSES = [(1.5, 100), (-1.5, 100)] * 3
 def test_a_discharge_to_empty_at_half_c_tells_the_charge_before_and_after_it(bundled_cell, at):
     pieces = [*PULSES, (1.0, 0.5 * 7200), (0.0, 300), (-1.0, 3000), (1.0, 2000)]
     record, soc = made(bundled_cell, pieces, 0.5)
-    found = start(bundled_cell, record, at)
-    assert (found.soc_source, found.row) == ("empty end", record.row[419])
-    assert found.soc == pytest.approx(soc[at], abs=0.002)
+    actual = start(bundled_cell, record, at)
+    assert (actual.soc_source, actual.row) == ("empty end", record.row[419])
+    assert actual.soc == pytest.approx(soc[at], abs=0.002)
 
 
 @pytest.mark.parametrize(
@@ -75,11 +75,11 @@ def with_full_charge(cell, last_a=0.05):
 
 def test_a_charge_that_tapers_ends_full(bundled_cell):
     record = with_full_charge(bundled_cell)
-    found = start(bundled_cell, record, 720)
-    assert (found.soc_source, found.row) == ("full end", record.row[599])
+    actual = start(bundled_cell, record, 720)
+    assert (actual.soc_source, actual.row) == ("full end", record.row[599])
     # The last interval of the taper, and 90 intervals of the discharge.
-    assert found.soc == pytest.approx(1 - (90 - 0.05) * INTERVAL_S / 3600 / 2.0, abs=1e-4)
-    assert start(bundled_cell, with_full_charge(bundled_cell, last_a=0.5), 720).row != found.row
+    assert actual.soc == pytest.approx(1 - (90 - 0.05) * INTERVAL_S / 3600 / 2.0, abs=1e-4)
+    assert start(bundled_cell, with_full_charge(bundled_cell, last_a=0.5), 720).row != actual.row
 
 
 def from_empty_to_full(cell):
@@ -99,10 +99,10 @@ def from_empty_to_full(cell):
 def test_a_record_of_more_charge_than_the_capacity_is_counted_over_its_charge(bundled_cell):
     record, own, full_at = from_empty_to_full(bundled_cell)
     cell = replace(own, capacity_ah=own.capacity_ah / 1.02)
-    found = prepare_record(record, cell, "so-rc", Window())
-    assert found.capacity_ah == pytest.approx(own.capacity_ah)
-    assert found.soc[[0, full_at]] == pytest.approx([0.0, 1.0])
-    told = next(one for one in found.warnings if one.code == "start.moves-more")
+    actual = prepare_record(record, cell, "so-rc", Window())
+    assert actual.capacity_ah == pytest.approx(own.capacity_ah)
+    assert actual.soc[[0, full_at]] == pytest.approx([0.0, 1.0])
+    told = next(one for one in actual.warnings if one.code == "start.moves-more")
     assert told.values["moved_ah"] == pytest.approx(own.capacity_ah)
     assert told.values["capacity_ah"] == pytest.approx(cell.capacity_ah)
 
@@ -110,24 +110,24 @@ def test_a_record_of_more_charge_than_the_capacity_is_counted_over_its_charge(bu
 def test_a_start_beyond_the_capacity_that_was_given_leaves_full_where_it_is_shown(bundled_cell):
     record, own, full_at = from_empty_to_full(bundled_cell)
     given = Window(capacity_ah=own.capacity_ah / 1.02)
-    found = prepare_record(record, own, "so-rc", given)
-    assert found.soc[[0, full_at]] == pytest.approx([-0.02, 1.0])
-    assert [one.code for one in found.warnings][:1] == ["start.beyond-an-end"]
+    actual = prepare_record(record, own, "so-rc", given)
+    assert actual.soc[[0, full_at]] == pytest.approx([-0.02, 1.0])
+    assert [one.code for one in actual.warnings][:1] == ["start.beyond-an-end"]
 
 
 @pytest.mark.parametrize("share", [0.985, 1.0, 1.015])
 def test_a_start_near_empty_is_placed_whatever_of_the_capacity_testers_lose(bundled_cell, share):
     record, own, full_at = from_empty_to_full(bundled_cell)
     cell = replace(own, capacity_ah=share * own.capacity_ah)
-    found = prepare_record(record, cell, "so-rc", Window())
-    assert (found.start.soc_source, found.start.row) == ("full end", record.row[full_at])
-    assert found.soc[[0, full_at]] == pytest.approx([max(0.0, 1 - 1 / share), 1.0], abs=1e-9)
+    actual = prepare_record(record, cell, "so-rc", Window())
+    assert (actual.start.soc_source, actual.start.row) == ("full end", record.row[full_at])
+    assert actual.soc[[0, full_at]] == pytest.approx([max(0.0, 1 - 1 / share), 1.0], abs=1e-9)
 
 
 def test_the_voltage_of_a_full_cell_under_a_small_current_tells_a_full_cell(bundled_cell):
     record, _ = made(bundled_cell, [(0.04, 100), *PULSES, (1.0, 900)], 1.0)
-    found = start(bundled_cell, record, 0)
-    assert (found.soc, found.soc_source, found.row) == (1.0, "full voltage", record.row[0])
+    actual = start(bundled_cell, record, 0)
+    assert (actual.soc, actual.soc_source, actual.row) == (1.0, "full voltage", record.row[0])
 
 
 def counting(record, begun_ah):
@@ -138,27 +138,27 @@ def counting(record, begun_ah):
 def test_counters_that_began_at_an_end_tell_the_charge_if_the_voltage_agrees(bundled_cell, begun):
     record, soc = made(bundled_cell, [(1.0, 100), *PULSES], 0.7)
     begun_ah = begun * bundled_cell.capacity_ah
-    found = start(bundled_cell, counting(record, begun_ah), 0)
-    assert found.soc_source == "counters"
-    assert found.soc == pytest.approx(soc[0], abs=1e-9)
+    actual = start(bundled_cell, counting(record, begun_ah), 0)
+    assert actual.soc_source == "counters"
+    assert actual.soc == pytest.approx(soc[0], abs=1e-9)
     assert_fitted(bundled_cell, counting(record, begun_ah + 0.4), soc, 0)
 
 
 @pytest.mark.parametrize(("begun", "source"), [(0.3, "counters"), (0.26, "rested voltage")])
 def test_counters_that_an_opening_rest_denies_began_elsewhere(bundled_cell, begun, source):
     record, soc = made(bundled_cell, [(0.0, 300), (1.0, 100), *PULSES], 0.7)
-    found = start(bundled_cell, counting(record, begun * bundled_cell.capacity_ah), 0)
-    assert found.soc_source == source
+    actual = start(bundled_cell, counting(record, begun * bundled_cell.capacity_ah), 0)
+    assert actual.soc_source == source
     # The rest is read on the curve of the branch, the record follows the fitted hysteresis.
-    assert found.soc == pytest.approx(soc[0], abs=0.01)
+    assert actual.soc == pytest.approx(soc[0], abs=0.01)
 
 
 def test_a_long_rest_elsewhere_tells_the_charge(bundled_cell):
     record, soc = made(bundled_cell, [*PULSES, (1.0, 900), (0.0, 3600), *PULSES], 0.6)
-    found = start(bundled_cell, record, 0)
-    assert (found.soc_source, found.row) == ("rest elsewhere", record.row[509])
+    actual = start(bundled_cell, record, 0)
+    assert (actual.soc_source, actual.row) == ("rest elsewhere", record.row[509])
     # The rest is read on the curve of the branch, the record follows the fitted hysteresis.
-    assert found.soc == pytest.approx(soc[0], abs=0.01)
+    assert actual.soc == pytest.approx(soc[0], abs=0.01)
 
 
 @pytest.mark.parametrize(("current_a", "direction"), [(1.0, -1), (-1.0, 1)])
@@ -173,14 +173,14 @@ def test_an_opening_rest_that_relaxes_tells_the_charge_where_it_ends(
         whole.time_s[cut:] - whole.time_s[cut], whole.current_a[cut:], whole.voltage_v[cut:]
     )
     prepared = prepare_record(record, bundled_cell, "so-rc", Window())
-    found = prepared.start
-    assert found.direction == direction
-    assert found.row == record.row[rest_s // 10 - 1]
+    actual = prepared.start
+    assert actual.direction == direction
+    assert actual.row == record.row[rest_s // 10 - 1]
     at_its_first = bundled_cell.soc_from_rest_voltage(float(record.voltage_v[0]), direction)
     # The record is of no hysteresis, and the SOC of the branch: half of the gap is left.
-    assert abs(found.soc - soc[cut]) < abs(at_its_first - soc[cut]) / 3
-    (told,) = [each for each in prepared.warnings if "relaxing" in each.code]
-    assert told.counts == (rest_s < 1800)
+    assert abs(actual.soc - soc[cut]) < abs(at_its_first - soc[cut]) / 3
+    (notice,) = [each for each in prepared.warnings if "relaxing" in each.code]
+    assert notice.counts == (rest_s < 1800)
 
 
 @pytest.mark.parametrize("noise_v", [3e-3, 0.03])
@@ -193,15 +193,15 @@ def test_noise_and_a_load_in_the_last_row_are_no_relaxation(bundled_cell, seed, 
     # The row before the load holds the load's voltage.
     voltage_v[239] = voltage_v[240]
     noisy = make_record(record.time_s, record.current_a, voltage_v)
-    found = prepare_record(noisy, bundled_cell, "so-rc", Window()).start
-    assert (found.row, found.direction_source) == (noisy.row[0], "assumed")
+    actual = prepare_record(noisy, bundled_cell, "so-rc", Window()).start
+    assert (actual.row, actual.direction_source) == (noisy.row[0], "assumed")
 
 
 def test_the_voltage_of_a_load_tells_no_direction(bundled_cell):
     record, _ = made(bundled_cell, [(0.0, 2400), *PULSES], 0.6)
     window = Window(start_time_s=record.time_s[240], initial_soc=0.6)
-    found = prepare_record(record, bundled_cell, "so-rc", window).start
-    assert found.direction_source == "assumed"
+    actual = prepare_record(record, bundled_cell, "so-rc", window).start
+    assert actual.direction_source == "assumed"
 
 
 def test_a_small_current_that_moves_the_charge_is_no_rest(bundled_cell):
@@ -236,14 +236,14 @@ def test_a_log_that_was_cut_is_named_whole_and_without_other_files(bundled_cell,
     log = [part("one", 0, 60), part("two", 60 - shared, 200), part("three", 200 - shared, None)]
     # A test of its own that ended an hour before, and one that began within the log.
     others = [part("before", 0, 100, -4600.0), part("within", 0, 100, 300.0)]
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as error:
         make_problem([others[0], log[2], log[0], others[1], log[1]], bundled_cell)
-    assert told.value.code == "start.goes-on"
-    assert told.value.notice.subject == "three"
-    assert told.value.notice.values == {"others": "one, two", "files": "one, two, three"}
-    with pytest.raises(InputError) as told:
+    assert error.value.code == "start.goes-on"
+    assert error.value.notice.subject == "three"
+    assert error.value.notice.values == {"others": "one, two", "files": "one, two, three"}
+    with pytest.raises(InputError) as error:
         make_problem([log[0], log[2], *others], bundled_cell)
-    assert told.value.code == "start.unrested"
+    assert error.value.code == "start.unrested"
 
 
 @pytest.mark.parametrize("has_all_dates", [True, False])
@@ -258,10 +258,10 @@ def test_a_log_with_dates_is_recognized_by_them_for_each_clock_starts_at_zero(
         return replace(record, zero_date_s=date_s)
 
     log = [part("one", 0, 60, has_all_dates), part("two", 60, 200)]
-    with pytest.raises(InputError) as told:
+    with pytest.raises(InputError) as error:
         make_problem([*log[::-1], part("later", 250, 300)], bundled_cell)
     code = "start.goes-on" if has_all_dates else "start.unrested"
-    assert (told.value.notice.subject, told.value.code) == ("two", code)
+    assert (error.value.notice.subject, error.value.code) == ("two", code)
 
 
 def test_a_start_that_a_record_cannot_have_is_refused(bundled_cell):

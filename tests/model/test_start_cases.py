@@ -24,7 +24,7 @@ from helpers.shared import CASES, needs_cases
 
 
 def codes(prepared):
-    return {told.code for told in prepared.warnings}
+    return {notice.code for notice in prepared.warnings}
 
 
 def loaded(cell, soc, rest_s=0, samples=1500, interval_s=2.0):
@@ -63,14 +63,14 @@ TRUTH = {"R0 [Ohm]": 0.025, "R1 [Ohm]": 0.015, "tau1 [s]": 20.0}
 def test_start_and_circuit_are_fitted_together():
     folder = CASES / "cells" / "03_noisy_start"
     options = {"model": "1rc", "capacity": 2.5, "seeds": 0}
-    found = barnax.identify(folder / "noisy.csv", ocv=folder / "ocv.csv", **options)
+    actual = barnax.identify(folder / "noisy.csv", ocv=folder / "ocv.csv", **options)
     for name, truth in TRUTH.items():
-        estimate = found.constant.assessment.uncertainty[name]
+        estimate = actual.constant.assessment.uncertainty[name]
         assert estimate.low < truth < estimate.high
         # A start that only its rest tells leaves more than a thousand.
         assert estimate.high / estimate.low < 4
-    assert not any(told.code.startswith("start.") for told in found.warnings)
-    part = found.of_role("identification")[0]
+    assert not any(told.code.startswith("start.") for told in actual.warnings)
+    part = actual.of_role("identification")[0]
     registration = part.window.registration
     assert registration.by == "circuit"
     assert registration.soc_low < 0.9 < registration.soc_high
@@ -191,7 +191,7 @@ def test_a_later_rest_denies_a_given_soc(bundled_cell, given_soc, is_denied):
     current_a = np.concatenate([first.current_a, np.zeros(1000), np.ones(50)])
     record = simulated_record(bundled_cell, 2.0 * np.arange(len(current_a)), current_a, 0.7, 1.0)
     prepared = prepare_record(record, bundled_cell, "so-rc", Window(initial_soc=given_soc))
-    denials = [told.values for told in prepared.warnings if told.code == "start.other-soc"]
+    denials = [notice.values for notice in prepared.warnings if notice.code == "start.other-soc"]
     assert len(denials) == is_denied
     for denial in denials:
         assert denial["start_row"] == record.row[2499]

@@ -76,21 +76,21 @@ def reason(found, name):
 
 
 def test_all_suitable_records_are_identified_on_the_one_of_the_widest_range_first(folder):
-    found = plan(folder)
-    assert roles(found) == {
+    actual = plan(folder)
+    assert roles(actual) == {
         "a.parquet": "identification",
         "b.parquet": "OCV test",
         "c.parquet": "identification",
         "d.parquet": "OCV test",
     }
-    assert [part.name for part in found.of_role("identification")] == ["c.parquet", "a.parquet"]
+    assert [part.name for part in actual.of_role("identification")] == ["c.parquet", "a.parquet"]
     # What is given to validate on is not identified on; a comparison is of one record.
     kept = plan(folder, validate=folder / "a.parquet")
     assert roles(kept)["a.parquet"] == "validation"
-    assert roles(found.on_one) == roles(kept)
-    assert (found.command, found.missing) == ("identify", "")
+    assert roles(actual.on_one) == roles(kept)
+    assert (actual.command, actual.missing) == ("identify", "")
     # Where they start they show themselves, and nothing is given in their place.
-    assert [part.window.initial_soc for part in found.parts if part.is_simulated] == [None, None]
+    assert [part.window.initial_soc for part in actual.parts if part.is_simulated] == [None, None]
 
 
 def test_a_record_given_to_validate_on_too_is_refused_where_no_other_is_left(folder):
@@ -110,22 +110,22 @@ def test_what_cannot_be_read_is_reported_and_the_rest_is_planned(folder):
     (folder / ".hidden").write_text("x")
     shutil.copy(BUNDLED.record, folder / "again.parquet")
     pl.read_parquet(BUNDLED.record)[:17_000].write_csv(folder / "a-part.csv")
-    found = plan(folder)
-    assert roles(found)["notes.txt"] == "not used"
-    assert "columns" in reason(found, "notes.txt")
-    assert reason(found, "c.parquet") == "the same as again.parquet, byte for byte"
-    assert reason(found, "a-part.csv") == "of the same samples as again.parquet"
-    assert ".hidden" not in roles(found)
-    assert len(found.of_role("OCV test")) == 2
+    actual = plan(folder)
+    assert roles(actual)["notes.txt"] == "not used"
+    assert "columns" in reason(actual, "notes.txt")
+    assert reason(actual, "c.parquet") == "the same as again.parquet, byte for byte"
+    assert reason(actual, "a-part.csv") == "of the same samples as again.parquet"
+    assert ".hidden" not in roles(actual)
+    assert len(actual.of_role("OCV test")) == 2
 
 
 def test_records_are_joined_with_an_ocv_test_of_their_temperature_only(folder):
     cold = frame().with_columns(at(-30.0), pl.col(VOLTAGE) - 0.03 * pl.col(CURRENT))
     change(folder, "bcd", at(0.0))
     cold.write_parquet(folder / "cold.parquet")
-    found = plan(folder)
-    assert roles(found)["c.parquet"] == "identification"
-    assert reason(found, "cold.parquet") == "measured at -30 degC, the OCV test at 0 degC"
+    actual = plan(folder)
+    assert roles(actual)["c.parquet"] == "identification"
+    assert reason(actual, "cold.parquet") == "measured at -30 degC, the OCV test at 0 degC"
     (folder / "c.parquet").unlink()
     (folder / "a.parquet").unlink()
     lacking = plan(folder)
@@ -161,9 +161,9 @@ def test_what_is_said_of_a_record_counts_before_roles_are_chosen(folder):
     # Its start is fitted.
     assert roles(plan(folder))["c.parquet"] == "identification"
     said = {"c.parquet": barnax.Window(initial_soc=0.88)}
-    found = plan(folder, window=said)
-    assert roles(found)["c.parquet"] == "identification"
-    assert found.of_role("identification")[0].window.initial_soc == 0.88
+    actual = plan(folder, window=said)
+    assert roles(actual)["c.parquet"] == "identification"
+    assert actual.of_role("identification")[0].window.initial_soc == 0.88
     # What is measured elsewhere by what is said of it is not joined.
     said["c.parquet"] = barnax.Window(initial_soc=0.88, temperature_degc=-10.0)
     for name in ("b", "d"):
@@ -185,19 +185,19 @@ def test_a_table_is_an_ocv_test_whose_capacity_a_discharge_or_the_user_tells(tmp
     soc = [0.0, 0.1, 0.3, 0.6, 1.0]
     table = pl.DataFrame({"SOC [-]": soc, "OCV [V]": [3.0, 3.4, 3.6, 3.8, 4.19]})
     table.write_csv(tmp_path / "table.csv")
-    found = plan(tmp_path)
-    assert roles(found)["table.csv"] == "OCV test"
-    assert found.options["capacity"] == pytest.approx(1.89, abs=0.005)
+    actual = plan(tmp_path)
+    assert roles(actual)["table.csv"] == "OCV test"
+    assert actual.options["capacity"] == pytest.approx(1.89, abs=0.005)
     told = plan(tmp_path, capacity=2.0)
     assert (told.options["capacity"], told.reasons["capacity"]) == (2.0, "given")
 
 
 @pytest.mark.slow
 def test_a_charge_of_a_flat_ocv_is_identified_on_beside_the_drive(real_data):
-    found = plan(real_data / "plett-a123-26650")
-    names = [part.name for part in found.of_role("identification")]
+    actual = plan(real_data / "plett-a123-26650")
+    names = [part.name for part in actual.of_role("identification")]
     assert names == ["dyn-s1_25degC.parquet", "dyn-s3_25degC.parquet"]
-    assert "for the other direction" in reason(found, "dyn-s3_25degC.parquet")
+    assert "for the other direction" in reason(actual, "dyn-s3_25degC.parquet")
 
 
 def test_a_record_that_only_charges_tells_no_capacity(tmp_path):
@@ -219,18 +219,18 @@ def test_a_folder_in_a_folder_is_looked_into_unless_it_holds_a_result(folder):
     (folder / "barnax-out").mkdir()
     (folder / "barnax-out" / "result.json").write_text("{}")
     shutil.copy(BUNDLED.record, folder / "barnax-out")
-    found = plan(folder)
-    assert roles(found).keys() == NAMES.keys()
-    assert roles(found)["a.parquet"] == "identification"
+    actual = plan(folder)
+    assert roles(actual).keys() == NAMES.keys()
+    assert roles(actual)["a.parquet"] == "identification"
 
 
 def test_a_record_that_takes_more_out_of_the_full_cell_than_the_ocv_test_tells_its_capacity(folder):
     change(folder, "ac", pl.col(CURRENT) * 1.08)
     taken_ah = 1.08 * barnax.read_record(BUNDLED.record).discharged_ah.max()
     assert taken_ah > 2.0
-    found = plan(folder)
-    assert found.options["capacity"] == pytest.approx(taken_ah, abs=5e-4)
-    assert by_name(found) == (windows(found), found.options)
+    actual = plan(folder)
+    assert actual.options["capacity"] == pytest.approx(taken_ah, abs=5e-4)
+    assert by_name(actual) == (windows(actual), actual.options)
 
 
 def test_records_of_several_temperatures_have_no_capacity_in_common(folder):
@@ -262,23 +262,23 @@ def test_a_record_that_goes_on_where_another_ends_starts_from_there(folder):
     later.write_parquet(folder / "second.parquet")
     for name in ("a", "c"):
         (folder / f"{name}.parquet").unlink()
-    found = plan(folder)
-    second = next(part for part in found.parts if part.name == "second.parquet")
+    actual = plan(folder)
+    second = next(part for part in actual.parts if part.name == "second.parquet")
     assert second.plans_soc
-    assert not found.changed(barnax.Window(initial_soc=0.6)).of_role(second.role)[0].plans_soc
+    assert not actual.changed(barnax.Window(initial_soc=0.6)).of_role(second.role)[0].plans_soc
     assert second.is_simulated
     assert "it starts under load, where first.parquet ends" in second.reason
     whole = barnax.read_record(bundled_file("identification"))
     expected = 1 - whole.discharged_ah[half] / 2.0
     assert second.window.initial_soc == pytest.approx(expected, abs=0.005)
-    assert by_name(found) == (windows(found), found.options)
+    assert by_name(actual) == (windows(actual), actual.options)
 
 
 def test_a_record_that_takes_a_little_more_than_its_test_has_another_capacity(folder):
     change(folder, "bd", pl.col(CURRENT) * 0.85)
-    found = plan(folder)
-    assert by_name(found) == (windows(found), found.options)
-    part = next(part for part in found.parts if part.name == "c.parquet")
+    actual = plan(folder)
+    assert by_name(actual) == (windows(actual), actual.options)
+    part = next(part for part in actual.parts if part.name == "c.parquet")
     assert part.role == "identification"
     moved_ah = barnax.read_record(folder / "c.parquet").discharged_ah.max()
     assert part.window.capacity_ah == pytest.approx(moved_ah, rel=1e-3)
@@ -289,10 +289,10 @@ def test_a_profile_has_one_window_by_folder_by_name_and_beside_a_given_cell(tmp_
     (test,) = real_data.glob("calce*/ocv-incremental_25degC*.parquet")
     for each in (path, test):
         shutil.copy(each, tmp_path)
-    found = plan(tmp_path)
+    actual = plan(tmp_path)
     own = barnax.Window(start_after_step=3, initial_soc=1.0, score_steps=(7, 8))
-    assert windows(found) == {path.name: own}
-    assert by_name(found) == ({path.name: own}, found.options)
+    assert windows(actual) == {path.name: own}
+    assert by_name(actual) == ({path.name: own}, actual.options)
     source = read_source(path)
     cell = barnax.characterize([barnax.read_record(test)])
     assert planned_window(source, cell, Reading(), barnax.Window()) == own
@@ -307,7 +307,7 @@ def test_records_of_another_cell_than_the_ocv_test_s_say_so(folder):
     change(folder, "a", at(0.0))
     change(folder, "c", at(25.0))
     (folder / "b.bdf.json").write_text("{}")
-    found = plan(folder)
-    assert found.missing.startswith("no record can be identified on with the OCV test d.parquet")
-    assert "the cell of the OCV test holds 0.02 Ah" in reason(found, "a.parquet")
-    assert "b.bdf.json" not in roles(found)
+    actual = plan(folder)
+    assert actual.missing.startswith("no record can be identified on with the OCV test d.parquet")
+    assert "the cell of the OCV test holds 0.02 Ah" in reason(actual, "a.parquet")
+    assert "b.bdf.json" not in roles(actual)

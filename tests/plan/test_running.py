@@ -37,9 +37,9 @@ def by_hand():
 
 
 def test_python_takes_a_folder(folder, by_hand):
-    found = barnax.identify(folder, window=barnax.Window(score_to_s=1500.0), **SMALL)
-    assert found.parameters == by_hand.parameters
-    assert found.metrics == by_hand.metrics
+    actual = barnax.identify(folder, window=barnax.Window(score_to_s=1500.0), **SMALL)
+    assert actual.parameters == by_hand.parameters
+    assert actual.metrics == by_hand.metrics
 
 
 @pytest.mark.slow
@@ -95,17 +95,17 @@ def test_the_sampling_that_a_design_shows_is_of_its_logger_alone(tmp_path):
 
 def test_a_plan_written_and_read_is_the_same(folder, tmp_path):
     lags = ["0.1", "validation.parquet=0.3"]
-    found = plan(folder).changed(
+    actual = plan(folder).changed(
         {"validation.parquet": barnax.Window(start_time_s=10.5, score_steps=(7, 8))},
         model="so-rc",
         voltage_lag=lags,
     )
     path = tmp_path / "plan.toml"
-    path.write_text(plan_to_toml(found))
+    path.write_text(plan_to_toml(actual))
     read = plan_from_toml(path)
-    assert (read.command, dict(read.options)) == (found.command, dict(found.options))
+    assert (read.command, dict(read.options)) == (actual.command, dict(actual.options))
     assert [(each.path, each.name, each.role, each.window) for each in read.parts] == [
-        (each.path, each.name, each.role, each.window) for each in found.parts
+        (each.path, each.name, each.role, each.window) for each in actual.parts
     ]
     # A start that is chosen replaces the planned one as a whole.
     assert read.of_role("identification")[1].window.initial_soc is None
@@ -160,9 +160,9 @@ def test_a_file_of_the_name_that_is_not_the_planned_one_is_not_taken(tmp_path, m
     Path("drive.csv").write_text("this cell")
     assert not plan_from_toml("plan.toml").warnings
     Path("drive.csv").write_text("another cell")
-    (told,) = plan_from_toml("plan.toml").warnings
-    assert (told.code, told.subject) == ("plan.other-file", "drive.csv")
-    assert "path" not in told.values
+    (notice,) = plan_from_toml("plan.toml").warnings
+    assert (notice.code, notice.subject) == ("plan.other-file", "drive.csv")
+    assert "path" not in notice.values
 
     # Beside the plan lies another file of that name.
     (above / "drive.csv").write_text("this cell")
@@ -171,9 +171,9 @@ def test_a_file_of_the_name_that_is_not_the_planned_one_is_not_taken(tmp_path, m
     assert (read.parts[0].path, read.warnings) == (Path("drive.csv"), ())
     monkeypatch.chdir(work)
     Path("plan.toml").write_text(table)
-    (told,) = plan_from_toml("plan.toml").warnings
-    assert told.values["path"] == str(Path("drive.csv").absolute())
-    assert told.subject == "/gone/drive.csv"
+    (notice,) = plan_from_toml("plan.toml").warnings
+    assert notice.values["path"] == str(Path("drive.csv").absolute())
+    assert notice.subject == "/gone/drive.csv"
 
 
 @pytest.mark.parametrize(

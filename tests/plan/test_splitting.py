@@ -35,8 +35,8 @@ def schedule(tmp_path_factory):
 
 
 def test_each_test_of_a_schedule_has_a_separate_role(schedule):
-    found = plan(schedule)
-    served = {part.name: part for part in found.parts if part.role != "not used"}
+    actual = plan(schedule)
+    served = {part.name: part for part in actual.parts if part.role != "not used"}
     assert {name: part.role for name, part in served.items()} == {
         "schedule.parquet#1": "OCV test",
         "schedule.parquet#2": "identification",
@@ -81,5 +81,5 @@ def test_drives_are_apart_only_where_a_charge_to_full_lies_between(
     time_s = 0.72 * np.arange(len(current_a))
     path = tmp_path / "log.parquet"
     pl.DataFrame({TIME: time_s, CURRENT: -current_a, VOLTAGE: voltage_v}).write_parquet(path)
-    found = plan(path)
-    assert len(found.of_role("identification")) == parts
+    actual = plan(path)
+    assert len(actual.of_role("identification")) == parts

@@ -82,9 +82,9 @@ def test_names_of_other_programs_and_languages_are_recognized(header):
     dialect, second, ampere = HEADERS[header]
     assert names.is_record
     assert names.dialect.name == dialect
-    found = names.columns
-    clock = found.get("time") or found["step time"]
-    assert (clock.unit.factor, found["current"].unit.factor) == (second, ampere)
+    actual = names.columns
+    clock = actual.get("time") or actual["step time"]
+    assert (clock.unit.factor, actual["current"].unit.factor) == (second, ampere)
 
 
 def test_two_files_joined_are_recognized_by_their_names(tmp_path):

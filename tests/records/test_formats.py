@@ -41,11 +41,11 @@ def outcome(truth):
 
 @pytest.mark.parametrize("truth", by_name(RECORDS))
 def test_a_record_is_read_as_it_is_or_refused_with_what_to_do(truth):
-    found, name = outcome(truth), Path(truth["file"]).name
+    actual, name = outcome(truth), Path(truth["file"]).name
     if name not in REFUSED:
-        assert found.word == "agrees"
+        assert actual.word == "agrees"
         return
-    place, what = found.refusal.split(": ", 2)[1:]
+    place, what = actual.refusal.split(": ", 2)[1:]
     assert place.startswith("row ")
     assert REFUSED[name] in what
     assert "; " in what
@@ -53,12 +53,12 @@ def test_a_record_is_read_as_it_is_or_refused_with_what_to_do(truth):
 
 @pytest.mark.parametrize("other", by_name(OTHERS))
 def test_what_is_no_record_is_refused_or_remarked_on(other):
-    found, name = outcome(other), Path(other["file"]).name
+    actual, name = outcome(other), Path(other["file"]).name
     if name in READ_WITH_A_REMARK:
-        assert READ_WITH_A_REMARK[name] in " ".join(map(str, found.warnings))
+        assert READ_WITH_A_REMARK[name] in " ".join(map(str, actual.warnings))
         return
-    assert found.refusal.startswith(f"{name}: ")
-    assert any(word in found.refusal.lower() for word in ("give", "export"))
+    assert actual.refusal.startswith(f"{name}: ")
+    assert any(word in actual.refusal.lower() for word in ("give", "export"))
 
 
 def test_at_least_fifty_of_the_records_are_read():

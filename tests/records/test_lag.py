@@ -119,9 +119,9 @@ def test_a_slow_log_shows_a_row_too_late_and_takes_no_average_for_one(every):
         known = {"current_sign": "charge-positive", "voltage_lag": 0.0}
         return find_lag(record_from_frame(pl.DataFrame(columns), name="slow", **known))
 
-    found = lag(amperes[1:, 0], volts[:-1, 0])
-    assert found is not None
-    assert found.seconds == pytest.approx(every, rel=0.05)
+    actual = lag(amperes[1:, 0], volts[:-1, 0])
+    assert actual is not None
+    assert actual.seconds == pytest.approx(every, rel=0.05)
     for current_a in (amperes[:, 0], amperes.mean(axis=1)):
         for voltage_v in (volts[:, 0], volts.mean(axis=1)):
             assert lag(current_a, voltage_v) is None

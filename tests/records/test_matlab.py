@@ -18,9 +18,9 @@ AH = np.cumsum(AMPS) / 3600
 def structs(cells):
     """An array of structures."""
     array = np.empty((1, len(cells)), dtype=[(name, object) for name in cells[0]])
-    for place, cell in enumerate(cells):
+    for index, cell in enumerate(cells):
         for name, value in cell.items():
-            array[0, place][name] = value
+            array[0, index][name] = value
     return array
 
 
@@ -91,8 +91,8 @@ def matlab_73(tree):
                 made = group.create_group(name)
                 for key in value.dtype.names:
                     field = made.create_dataset(key, (value.size, 1), dtype=h5py.ref_dtype)
-                    for place, each in enumerate(value[key].ravel()):
-                        field[place, 0] = put(refs, f"{len(refs)}", each).ref
+                    for index, each in enumerate(value[key].ravel()):
+                        field[index, 0] = put(refs, f"{len(refs)}", each).ref
             elif isinstance(value, str):
                 made = group.create_dataset(name, data=np.array([[ord(each)] for each in value]))
                 made.attrs["MATLAB_class"] = np.bytes_("char")
@@ -231,8 +231,8 @@ def test_what_refers_to_itself_ends(tmp_path):
     content = io.BytesIO()
     with h5py.File(content, "w") as file:
         loop = file.create_dataset("loop", (30, 1), dtype=h5py.ref_dtype)
-        for place in range(30):
-            loop[place, 0] = loop.ref
+        for index in range(30):
+            loop[index, 0] = loop.ref
         file["time"], file["current"], file["voltage"] = TIMES, AMPS, VOLTS
         file["again"] = h5py.SoftLink("/")
     np.testing.assert_array_equal(read(tmp_path, content.getvalue()).voltage_v, VOLTS)

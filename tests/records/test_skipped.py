@@ -49,9 +49,9 @@ def test_the_counters_are_the_charge_where_the_samples_show_nothing(whole, skipp
 
 def test_skipped_loads_are_reported_and_the_file_serves_as_what_it_is(skipping):
     outcome = check_file(skipping)
-    (told,) = (each for each in outcome.findings if each.check == "skipped")
-    assert told.severity == "warning"
-    assert "in 10 intervals the tester counted 1.81" in told.what
+    (notice,) = (each for each in outcome.findings if each.check == "skipped")
+    assert notice.severity == "warning"
+    assert "in 10 intervals the tester counted 1.81" in notice.what
     assert not [each for each in outcome.findings if each.code == "unit.reading"]
     (test,) = (role for role in outcome.roles if role.name == "OCV test")
     assert "discharge with 11 rests, 1.986 Ah" in test.reason

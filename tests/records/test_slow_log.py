@@ -63,9 +63,9 @@ def test_rows_of_instants_and_means_are_distinguished(rows, step_v):
 @pytest.mark.parametrize("rows", ["instants", "means"])
 def test_a_check_tells_what_the_rows_are_and_what_that_does(rows):
     checked = check_file(source_from_frame(log(0, rows), "log"))
-    (told,) = [each for each in checked.findings if each.check == "fast load"]
-    assert told.severity == ("warning" if rows == "instants" else "note")
-    assert told.values["rows"] == rows
+    (notice,) = [each for each in checked.findings if each.check == "fast load"]
+    assert notice.severity == ("warning" if rows == "instants" else "note")
+    assert notice.values["rows"] == rows
     assert checked.traits
     assert checked.traits.facts["current hold"] == "centered"
 

@@ -66,23 +66,23 @@ def best_and_optima(result: Result) -> tuple[str, ...]:
 
 
 def test_every_other_verdict_is_the_golden_one():
-    found = STORED.constant.global_optimum
+    actual = STORED.constant.global_optimum
     own = STORED.metrics.identification
     better = STORED.metrics.model_copy(
-        update={"identification": replace(own, rmse_v=0.9 * found.rmse_v)}
+        update={"identification": replace(own, rmse_v=0.9 * actual.rmse_v)}
     )
     unproved = {"status": "grid-verified"}
     cases = {
         "proved": STORED,
-        "not proved": {**unproved, "lower_bound_v": 0.9800001 * found.rmse_v},
+        "not proved": {**unproved, "lower_bound_v": 0.9800001 * actual.rmse_v},
         "not asked for": unproved,
-        "no other optimum": {"optima": found.optima[:1]},
+        "no other optimum": {"optima": actual.optima[:1]},
     }
     told = []
     for name, update in cases.items():
         result = STORED
         if isinstance(update, dict):
-            optimum = replace(found, **update)
+            optimum = replace(actual, **update)
             result = with_constant(STORED, global_optimum=optimum)
         told += [f"{name}:", *best_and_optima(result)]
     wide = with_constant(STORED, global_optimum=None, source="seeds")

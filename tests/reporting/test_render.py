@@ -78,8 +78,8 @@ def test_a_report_of_any_name_has_the_same_parts(examples):
 
     def survive(name):
         document = make_document(f"a{name}")
-        found = ReportReader(to_html(document)), ReportReader(rendered(to_markdown(document)))
-        assert [[tag for tag, _ in each.tags] for each in found] == [
+        actual = ReportReader(to_html(document)), ReportReader(rendered(to_markdown(document)))
+        assert [[tag for tag, _ in each.tags] for each in actual] == [
             [tag for tag, _ in each.tags] for each in (page, text)
         ]
 

@@ -90,13 +90,13 @@ def errors() -> list[str]:
     uncertainty = Uncertainty(0.95, 19_680, (R0, replace(R1, relative_error=0.3)), (), (), noise)
     soc = (Band(0.0, 0.1, 100, 0.0876, -0.06, 0.59), Band(0.1, 0.2, 1900, 0.012, 0.001, 0.41))
     current = (Band(-0.05, 0.05, 500, 1e-3, 0.0, 0.3), Band(2.0, None, 1500, 0.02, 0.0, 0.7))
-    found = Diagnostics((0.0, 1.0), (1.0, 0.99), 742.0, 7.41, 19_680, soc, current, None)
+    actual = Diagnostics((0.0, 1.0), (1.0, 0.99), 742.0, 7.41, 19_680, soc, current, None)
     warm = (Band(20.0, 21.0, 100, 0.03, 0.01, 0.9), Band(21.0, 22.0, 1900, 0.001, 0.0, 0.1))
-    alone = replace(found, effective_samples=0.3, by_soc=(), by_current=(), by_temperature=warm)
+    alone = replace(actual, effective_samples=0.3, by_soc=(), by_current=(), by_temperature=warm)
     return [
         wording("circuit.uncertainty", uncertainty),
         wording("circuit.uncertainty", replace(uncertainty, estimates=())),
-        *sentences("circuit.diagnostics", found),
+        *sentences("circuit.diagnostics", actual),
         *sentences("circuit.diagnostics", alone),
     ]
 
@@ -131,18 +131,18 @@ def test_every_sentence_is_as_in_the_golden_file():
 def test_the_next_step_follows_from_what_was_held_out():
     result = make_table_result()
     held = SimpleNamespace(by_record=(), whole=SocErrors(0.0091, None))
-    found = with_fit(result, cross_validation=held)
-    assert next_step(found).advice.startswith("validate on another record")
+    actual = with_fit(result, cross_validation=held)
+    assert next_step(actual).advice.startswith("validate on another record")
     told = Notice("ocv-test.disagrees", {"median_v": 0.08, "largest_v": -0.7, "soc": 0.35})
     ocv = "see what the records tell without the OCV test"
-    assert next_step(found.model_copy(update={"warnings": (told,)})).advice.startswith(ocv)
+    assert next_step(actual.model_copy(update={"warnings": (told,)})).advice.startswith(ocv)
     # Loose steps tell no OCV. Other reasons may come of the capacity of a wrong test.
-    name = found.of_role("identification")[0].name
+    name = actual.of_role("identification")[0].name
     unfit = Notice("role.unfit", {"role": "identification", "reason": "why"}, name)
     short = replace(unfit, values={**unfit.values, "half_width": 0.5})
     record = "measure a drive cycle"
     for warnings, advised in (((short, told), record), ((unfit, told), ocv), ((unfit,), record)):
-        step = next_step(found.model_copy(update={"warnings": warnings}))
+        step = next_step(actual.model_copy(update={"warnings": warnings}))
         assert step.advice.startswith(advised)
     missed = SimpleNamespace(by_record=(), whole=SocErrors(0.0245, None))
     lost = with_fit(result, cross_validation=missed)

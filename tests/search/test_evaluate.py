@@ -46,9 +46,9 @@ def test_an_r0_above_what_the_steps_show_is_warned_of_with_both(bundled_cell, ho
     assert not [*step_warnings(evaluate(prepared, CIRCUIT), CIRCUIT)]
     # As where slow pairs are missing, R0 takes what a pair does not.
     high = CircuitParameters.constant(r0=0.065, r=(0.001, 0.02), c=(5000.0, 4000.0))
-    (told,) = step_warnings(evaluate(prepared, high), high)
-    assert told.values["shown_ohm"] == pytest.approx(0.0535, rel=0.04)
-    assert told.values["own_ohm"] == pytest.approx(0.0655, rel=0.04)
+    (notice,) = step_warnings(evaluate(prepared, high), high)
+    assert notice.values["shown_ohm"] == pytest.approx(0.0535, rel=0.04)
+    assert notice.values["own_ohm"] == pytest.approx(0.0655, rel=0.04)
     # By less than a tenth too: the scatter over all steps decides.
     a_little = CircuitParameters.constant(r0=0.055, r=(0.001, 0.02), c=(5000.0, 4000.0))
     assert [*step_warnings(evaluate(prepared, a_little), a_little)]

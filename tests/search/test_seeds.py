@@ -135,10 +135,10 @@ def test_a_pair_far_faster_than_the_sampling_is_reported_at_its_bound(checked_on
     voltage_v = made_voltage_v(short_problem.prepared, short_problem.cell, TOO_FAST, seed=20)
     refinement = checked_on("so-rc", voltage_v)
     _, r0, r1, r2, _, c2 = TOO_FAST
-    found = refinement.parameters
+    actual = refinement.parameters
     assert AtBound("tau1 [s]", "lower") in refinement.at_bound
-    assert (found.r0 + found.r[0]) == pytest.approx(r0 + r1, rel=5e-3)
-    assert (found.r[1], found.c[1]) == pytest.approx((r2, c2), rel=5e-3)
+    assert (actual.r0 + actual.r[0]) == pytest.approx(r0 + r1, rel=5e-3)
+    assert (actual.r[1], actual.c[1]) == pytest.approx((r2, c2), rel=5e-3)
 
 
 def test_a_name_is_no_optimizer(short_problem):

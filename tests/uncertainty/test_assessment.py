@@ -15,11 +15,11 @@ from helpers.noisy_fits import SAMPLES, fit, made_problem, white_noise
 def test_where_two_pairs_are_one_every_parameter_has_an_error(short_problem, seed):
     # Rounding then leaves variances below zero where the data determine most.
     same = CircuitParameters.constant(0.05, (0.02, 0.03), (40 / 0.02, 40 / 0.03))
-    found = fit(made_problem(short_problem, white_noise(seed), same), same).assessment
-    for estimate in found.uncertainty.estimates:
+    actual = fit(made_problem(short_problem, white_noise(seed), same), same).assessment
+    for estimate in actual.uncertainty.estimates:
         assert estimate.relative_error is not None
-    assert found.uncertainty["R1 [Ohm]"].low is None
-    assert found.uncertainty["R0 [Ohm]"].low is not None
+    assert actual.uncertainty["R1 [Ohm]"].low is None
+    assert actual.uncertainty["R0 [Ohm]"].low is not None
 
 
 def test_a_time_constant_too_short_to_be_seen_has_no_interval(short_problem):
@@ -38,22 +38,22 @@ def test_errors_too_large_to_be_squared_are_refused_in_one_message(white, monkey
 
 @pytest.mark.parametrize("bands", ["by_soc", "by_current"])
 def test_bands_share_out_all_samples_and_all_squared_error(bands, colored):
-    found = getattr(colored.assessment.diagnostics, bands)
-    assert sum(band.samples for band in found) == SAMPLES
-    assert sum(band.share for band in found) == pytest.approx(1.0)
-    squares = sum(band.samples * band.rmse_v**2 for band in found)
+    actual = getattr(colored.assessment.diagnostics, bands)
+    assert sum(band.samples for band in actual) == SAMPLES
+    assert sum(band.share for band in actual) == pytest.approx(1.0)
+    squares = sum(band.samples * band.rmse_v**2 for band in actual)
     assert np.sqrt(squares / SAMPLES) == pytest.approx(colored.rmse_v)
 
 
 def test_a_band_holds_the_errors_of_its_samples(colored):
-    prepared, found = colored.problem.prepared, colored.assessment.diagnostics
+    prepared, actual = colored.problem.prepared, colored.assessment.diagnostics
     error_v = colored.assessment.covariance.linearization.error_v
     rest_c = prepared.rest_current_a / colored.problem.cell.capacity_ah
-    (rest,) = [band for band in found.by_current if band.low == -rest_c and band.high == rest_c]
+    (rest,) = [band for band in actual.by_current if band.low == -rest_c and band.high == rest_c]
     inside = np.abs(prepared.current_a) < prepared.rest_current_a
     assert rest.samples == np.count_nonzero(inside)
     assert rest.mean_v == pytest.approx(np.mean(error_v[inside]))
-    (top,) = [band for band in found.by_soc if band.high == 1.0]
+    (top,) = [band for band in actual.by_soc if band.high == 1.0]
     assert top.samples == np.count_nonzero(prepared.soc >= 0.9)
     # Rates are of the capacity that the record was simulated with.
     aged = replace(prepared, capacity_ah=prepared.capacity_ah / 4)
@@ -64,8 +64,8 @@ def test_a_band_holds_the_errors_of_its_samples(colored):
         assert band.samples == np.count_nonzero((rate >= low) & (rate < high))
     informed_v = error_v[colored.assessment.covariance.linearization.is_informative]
     at_one = np.mean(informed_v[1:] * informed_v[:-1]) / np.mean(informed_v**2)
-    assert found.lags_s[:2] == (0.0, 1.0)
-    assert found.autocorrelation[:2] == pytest.approx([1.0, at_one])
+    assert actual.lags_s[:2] == (0.0, 1.0)
+    assert actual.autocorrelation[:2] == pytest.approx([1.0, at_one])
 
 
 def test_temperature_bands_appear_where_it_was_measured(colored):
@@ -77,8 +77,8 @@ def test_temperature_bands_appear_where_it_was_measured(colored):
         warm = replace(colored.problem, prepared_records=(replace(prepared, record=record),))
         return diagnostics(warm, colored.assessment.covariance).by_temperature
 
-    found = bands_of(np.linspace(20.0, 26.0, prepared.record.samples))
-    assert found
-    assert sum(band.samples for band in found) == SAMPLES
-    assert (found[0].low, found[0].high) == (20.0, 21.0)
+    actual = bands_of(np.linspace(20.0, 26.0, prepared.record.samples))
+    assert actual
+    assert sum(band.samples for band in actual) == SAMPLES
+    assert (actual[0].low, actual[0].high) == (20.0, 21.0)
     assert bands_of(np.full(prepared.record.samples, np.nan)) is None

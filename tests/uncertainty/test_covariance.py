@@ -34,8 +34,8 @@ def test_the_white_noise_covariance_is_that_of_curve_fit(white):
     measured_mv = 1e3 * (prepared.source_v - prepared.voltage_v)[prepared.is_informative]
     best, covariance = curve_fit(drop, prepared.current_a, measured_mv, LOGARITHMS, xtol=1e-12)
     assert uncertainty.free == ("R0 [Ohm]", "R1 [Ohm]", "tau1 [s]", "R2 [Ohm]", "tau2 [s]")
-    found = white.assessment.covariance.white_noise_matrix
-    np.testing.assert_allclose(found, covariance, rtol=1e-3, atol=1e-9)
+    actual = white.assessment.covariance.white_noise_matrix
+    np.testing.assert_allclose(actual, covariance, rtol=1e-3, atol=1e-9)
     values = [uncertainty[name].value for name in uncertainty.free]
     assert values == pytest.approx(np.exp(best), rel=1e-5)
 
@@ -52,10 +52,10 @@ def test_a_start_that_only_the_rest_before_the_load_depends_on_is_as_uncertain_a
     assert not np.all(is_informative)
     columns_v = np.where(is_informative, 0.0, 1e-3)[:, None]
     by_start = {"by_nuisance_v": columns_v, "nuisances_sd": np.zeros(1)}
-    found = Covariance.of(replace(own.linearization, **by_start))
-    np.testing.assert_allclose(found.nuisances_error, [1.0])
+    actual = Covariance.of(replace(own.linearization, **by_start))
+    np.testing.assert_allclose(actual.nuisances_error, [1.0])
     # The noise is fitted beside one more column.
-    np.testing.assert_allclose(found.matrix, own.matrix, rtol=2e-3)
+    np.testing.assert_allclose(actual.matrix, own.matrix, rtol=2e-3)
 
 
 def test_intervals_are_symmetric_in_logarithms_and_hold_the_value(white):
@@ -140,7 +140,7 @@ def test_a_rest_before_the_first_load_says_nothing(bundled_cell):
     current_a = np.repeat(rng.uniform(-0.5, 2.0, 200), rng.integers(2, 40, 200))[:3000]
     noise_v = np.asarray(lfilter([5e-4], [1, -0.99], rng.normal(size=3000)))
     voltage_v = simulated_cell(current_a) + noise_v
-    found = []
+    collected = []
     for rest in (0, 3000):
         amps = np.append(np.zeros(rest), current_a)
         volts = np.append(voltage_v[0] + 1e-4 * rng.normal(size=rest), voltage_v)
@@ -149,8 +149,8 @@ def test_a_rest_before_the_first_load_says_nothing(bundled_cell):
         result = barnax.identify(table, cell=bundled_cell, model="so-rc", **options)
         own = result.constant.assessment
         assert own
-        found.append([(each.low, each.high) for each in own.uncertainty.estimates])
-    lows, highs = np.array(found, float).T
+        collected.append([(each.low, each.high) for each in own.uncertainty.estimates])
+    lows, highs = np.array(collected, float).T
     np.testing.assert_allclose(lows[:, 0], lows[:, 1], rtol=1e-3)
     np.testing.assert_allclose(highs[:, 0], highs[:, 1], rtol=1e-3)
 
@@ -189,8 +189,8 @@ def test_resistances_are_in_their_intervals_where_the_test_has_more_hysteresis_t
         # Hats add up to one: of all knots together, half of the test's gap times the state.
         by_gap_v = -0.007 * (state - np.mean(state))
         np.testing.assert_allclose(columns.sum(axis=1), by_gap_v, rtol=1e-4, atol=1e-6)
-        found = find_global_optimum(problem, prove=False).parameters
-        assessment = assess(problem, found)
+        actual = find_global_optimum(problem, prove=False).parameters
+        assessment = assess(problem, actual)
         own, covariance = assessment.uncertainty["R2 [Ohm]"], assessment.covariance
         hits.append(own.low <= TRUTH.r[1] <= own.high)
         widths.append(own.high / own.low)

@@ -28,14 +28,14 @@ def test_intervals_hold_the_truth_under_correlated_noise_where_plain_ones_do_not
 ):
     noise = benchmark.Noise("12 s", ((12.0, 2e-3),))
     truth = benchmark.CIRCUITS[circuit]
-    found = benchmark.coverage(short_problem, truth, noise, records=60, seed=11)
+    actual = benchmark.coverage(short_problem, truth, noise, records=60, seed=11)
     # Of 60 records 57 are expected to hold one parameter; so few do less than once in 1,000 times.
     low, _ = benchmark.chance_band(60)
     assert low == 50 / 60
-    assert min(found.trusted.values()) >= low
-    assert max(found.plain.values()) < low
-    assert min(found.inflation.values()) > 1.5
-    assert set(found.open.values()) == {0}
+    assert min(actual.trusted.values()) >= low
+    assert max(actual.plain.values()) < low
+    assert min(actual.inflation.values()) > 1.5
+    assert set(actual.open.values()) == {0}
 
 
 def test_an_open_interval_counts_as_open_and_not_as_one_that_holds_the_truth(
@@ -43,10 +43,10 @@ def test_an_open_interval_counts_as_open_and_not_as_one_that_holds_the_truth(
 ):
     # Under noise of 1 V nothing of a circuit of some 10 mV shows.
     noise = benchmark.Noise("1 V", ((12.0, 1.0),))
-    found = benchmark.coverage(short_problem, benchmark.CIRCUITS[1], noise, records=5, seed=3)
-    assert sum(found.open.values()) > 0
-    for name, opened in found.open.items():
-        assert found.trusted[name] <= 1 - opened / 5
+    actual = benchmark.coverage(short_problem, benchmark.CIRCUITS[1], noise, records=5, seed=3)
+    assert sum(actual.open.values()) > 0
+    for name, opened in actual.open.items():
+        assert actual.trusted[name] <= 1 - opened / 5
 
 
 def test_the_band_is_that_of_the_binomial_distribution(benchmark):
@@ -73,8 +73,8 @@ def test_intervals_of_200_long_records_hold_95_percent_of_truths_but_for_chance(
 ):
     problem = importlib.import_module("benchmarks.coverage.cells").bundled("so-rc")
     case = benchmark.CIRCUITS[circuit], benchmark.NOISES[noise]
-    found = benchmark.coverage(problem, *case, records=200, seed=20)
+    actual = benchmark.coverage(problem, *case, records=200, seed=20)
     # 89.5 to 99 %: of 7 parameters in 8 cases each, chance alone leaves the band once in 18 runs.
     low, high = benchmark.chance_band(200)
-    assert min(found.trusted.values()) >= low
-    assert max(found.trusted.values()) <= high
+    assert min(actual.trusted.values()) >= low
+    assert max(actual.trusted.values()) <= high

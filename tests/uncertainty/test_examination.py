@@ -21,20 +21,20 @@ def test_where_little_is_unknown_the_profile_gives_the_linear_interval(white, ex
     assert [each.name for each in examination.profiles] == with_errors
     assert len(with_errors) == 7
     assert examination.rmse_v == white.rmse_v
-    for found in examination.profiles:
-        linear = white.assessment.uncertainty[found.name]
+    for actual in examination.profiles:
+        linear = white.assessment.uncertainty[actual.name]
         width = np.log(linear.high / linear.low)
-        assert np.log(found.low / linear.low) == pytest.approx(0, abs=0.05 * width)
-        assert np.log(found.high / linear.high) == pytest.approx(0, abs=0.05 * width)
-        best = found.values[np.argmin(found.rmse_v)]
-        assert best == found.value == pytest.approx(linear.value, rel=1e-9)
+        assert np.log(actual.low / linear.low) == pytest.approx(0, abs=0.05 * width)
+        assert np.log(actual.high / linear.high) == pytest.approx(0, abs=0.05 * width)
+        best = actual.values[np.argmin(actual.rmse_v)]
+        assert best == actual.value == pytest.approx(linear.value, rel=1e-9)
 
 
 @pytest.mark.parametrize("slot", [1, 4])
 def test_scipy_refits_the_others_to_the_same_error(slot, white, examination):
     prepared = white.problem.prepared
     name = ["R0 [Ohm]", "R1 [Ohm]", "R2 [Ohm]", "tau1 [s]", "tau2 [s]"][slot]
-    (found,) = [each for each in examination.profiles if each.name == name]
+    (actual,) = [each for each in examination.profiles if each.name == name]
     start = np.log([TRUTH.r0, *TRUTH.r, *TRUTH.tau_s])
 
     def errors_mv(others, value):
@@ -43,19 +43,19 @@ def test_scipy_refits_the_others_to_the_same_error(slot, white, examination):
         return 1e3 * (prepared.voltage_v - prepared.source_v + drop)
 
     for place in (1, -2):
-        others, value = np.delete(start, slot), found.values[place]
+        others, value = np.delete(start, slot), actual.values[place]
         fitted = least_squares(errors_mv, others, args=(value,), xtol=1e-14)
         expected_v = 1e-3 * np.sqrt(np.mean(fitted.fun**2))
-        assert found.rmse_v[place] == pytest.approx(expected_v, rel=1e-6)
+        assert actual.rmse_v[place] == pytest.approx(expected_v, rel=1e-6)
 
 
 def test_an_end_that_the_data_leave_open_is_not_made_up(short_problem):
     # Under 300 mV of noise a slower pair of the same capacitance fits as well.
     loose = fit(made_problem(short_problem, white_noise(2, 0.3)))
     assert loose.assessment.uncertainty["tau2 [s]"].held == "at upper bound"
-    found = profile(loose.problem, loose.parameters, "tau2 [s]")
-    assert found.high is None
-    assert max(found.values) <= 1500
+    actual = profile(loose.problem, loose.parameters, "tau2 [s]")
+    assert actual.high is None
+    assert max(actual.values) <= 1500
 
 
 def test_a_parameter_that_is_held_or_not_there_has_no_profile(white, short_problem):

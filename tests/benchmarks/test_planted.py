@@ -15,5 +15,5 @@ def test_a_planted_fault_replaces_a_text_that_is_there_once(fault):
     assert all((REPOSITORY / path).is_file() for path in fault.tests)
 
 
-def test_there_are_thirty_four_by_different_names():
-    assert len({fault.name for fault in FAULTS}) == len(FAULTS) == 34
+def test_there_are_thirty_five_by_different_names():
+    assert len({fault.name for fault in FAULTS}) == len(FAULTS) == 35

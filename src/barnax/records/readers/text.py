@@ -247,11 +247,8 @@ def _columns(
             " quotes inside cells."
         ) from error
     plain = _plain(frame)
-    # Removing blanks around cells takes longer.
-    return tuple(
-        plain[cells.name] if cells.name in plain else cells.str.strip_chars().replace("", None)
-        for cells in frame
-    )
+    words = frame.drop(*plain).select(pl.all().str.strip_chars().replace("", None))
+    return tuple(plain[name] if name in plain else words[name] for name in frame.columns)
 
 
 def _plain(frame: pl.DataFrame) -> dict[str, pl.Series]:

@@ -25,9 +25,8 @@ from .record import Record
 
 # Time constants in samples that represent the pairs, and the number of samples used.
 _SLOW, _NEAR = (3.0, 10.0, 30.0, 100.0, 300.0), 3
-# The largest number of whole samples tried. The best of them counts if it is nearest to the lag and
-# leaves less than the first share of the residual at lag zero, or less than the second share of
-# everything otherwise.
+# The largest number of whole samples tried. A lag is one if the remaining part of a sample is below
+# the first share, and less than the second share of the squares without a lag is left.
 _FAR, _NEAREST, _LEFT = 5, 0.6, 0.9
 # If hardly anything remains at lag zero, there is none: half a period of delay looks like the
 # opposite sign.

@@ -117,7 +117,7 @@ def _fall(out_ah: Float[np.ndarray, "rows"], source_v: Float[np.ndarray, "rows"]
     return max(-float(apart_ah @ source_v) / spread, 0.0) if spread else 0.0
 
 
-@np.errstate(all="ignore")  # absurd values overflow before they are found out
+@np.errstate(all="ignore")  # Absurd values overflow before they are detected.
 def examine_empty_current(lines: Lines) -> Lines:
     """The lines with a current of zero where none is written, if the voltage steps there as it does
     where a written current shows that the load is off."""

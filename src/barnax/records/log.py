@@ -15,8 +15,8 @@ from .table import Table
 # Between the names of a log's files.
 NEXT_FILE = " + "
 # A log continues within this many intervals, and its files have equal sampling within this factor.
-# At the cut the voltage deviates from -R0 times the step of the current by no more than it does in
-# this share of as many intervals on either side, or by the last share of it.
+# At the cut the voltage deviates from -R0 times the step of the current by no more than in this
+# share of this many intervals on either side, or by the last share of it.
 _INTERVALS, _SAMPLED_ALIKE, _USUAL, _BESIDE, _OFF = 2.0, 1.5, 0.9, 300, 0.3
 
 

@@ -25,9 +25,9 @@ _LATE, _LATEST_SHARE = 3, 0.1
 # A stamp is misplaced, and the clock was not set back, if it jumps ahead by this share of the step
 # back within a few rows of it.
 _BACK_AT_ONCE = 0.9
-# Summer time begins on a Sunday in one of these months, before five o'clock. Elsewhere, an hour
-# that passes between two rows is close neither to the usual interval nor to a change of voltage as
-# small as over most intervals.
+# Summer time begins on a Sunday in one of these months, before five o'clock. At other times the
+# clock was set if the rest of the jump is a usual interval within this share, and the voltage
+# changes by no more than over this share of the intervals.
 _SPRING, _SPRING_HOURS, _EXACT, _GOES_ON = (3, 4, 9, 10), 5, 0.05, 0.9
 
 Clock = Float[np.ndarray, "samples"]

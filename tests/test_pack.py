@@ -94,19 +94,19 @@ def test_cells_of_one_reduction_are_those_fitted_one_by_one(bundled_cell, voltag
         nodes=(0.5, 0.7, 0.85, 1.0), bounds={"tau1 [s]": (5.0, 40.0), "tau2 [s]": (60.0, 400.0)}
     )
 
-    def fitted(frame_of_one, beside_v, names):
+    def fitted(frame_of_one, voltage_offsets_v, names):
         record = record_from_frame(frame_of_one, name="pack")
         prepared = prepare_record(record, bundled_cell, "so-rc", window)
-        return fit_pack(prepared, tables, beside_v, names, settings, is_alone)
+        return fit_pack(prepared, tables, voltage_offsets_v, names, settings, is_alone)
 
     tables = CircuitParameters.over_soc(
         settings.nodes, (15.0, 150.0), (0.02,) * 4, ((0.01,) * 4,) * 2
     )
-    beside_v = voltages_v - voltages_v.mean(axis=1)[:, None]
-    both = fitted(mean, beside_v, ["V1", "V2"])
+    voltage_offsets_v = voltages_v - voltages_v.mean(axis=1)[:, None]
+    both = fitted(mean, voltage_offsets_v, ["V1", "V2"])
     for index, together in enumerate(both.cells):
         one = table.select("Time [s]", "Current [A]", pl.col(f"V{index + 1}").alias("V"))
-        alone = fitted(mean, beside_v[:, [index]], ["alone"]).cells[0]
+        alone = fitted(mean, voltage_offsets_v[:, [index]], ["alone"]).cells[0]
         itself = fitted(one, np.zeros((1500, 1)), ["itself"]).cells[0]
         for other in (alone, itself):
             assert together.rmse_v == pytest.approx(other.rmse_v, rel=1e-9)
@@ -125,8 +125,8 @@ def test_factors_of_cells_are_those_of_their_records(bundled_cell, voltages):
         record = record_from_frame(one, name="pack")
         return prepare_record(record, bundled_cell, "so-rc", window)
 
-    beside_v = voltages_v - voltages_v[:, [0]]
-    factors = factors_of_cells(prepared("V1"), grid, beside_v, ["V1", "V2"])
+    voltage_offsets_v = voltages_v - voltages_v[:, [0]]
+    factors = factors_of_cells(prepared("V1"), grid, voltage_offsets_v, ["V1", "V2"])
     (alone,) = factors_of_cells(prepared("V2"), grid)
     one, other = fit_factors(factors[1:]), fit_factors([alone])
     assert one.objective_v == pytest.approx(other.objective_v, rel=1e-9)
@@ -160,7 +160,7 @@ def test_cells_are_those_of_their_numbers_or_named_and_one_without_a_value_is_le
     part = of(millivolts.with_columns(gap, pl.lit(10.0).alias(names[4])), "Cell*")
     assert part.left_out.keys() == {*names[3:5]}
     assert "row 19" in part.left_out[names[3]]
-    assert len(part.cells) == part.beside_v.shape[1] == 10
+    assert len(part.cells) == part.voltage_offsets_v.shape[1] == 10
 
 
 @pytest.mark.parametrize("names", [("Zeit [s]", "Strom [A]"), ("Time [s]", "Pack current [A]")])

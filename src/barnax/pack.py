@@ -62,7 +62,7 @@ class Pack(Brief):
         odd: Outlying cells, the farthest first.
         weakest: The cell with the lowest voltage under load at low SOC.
         left_out: Cells whose voltages could not be used, each with the reason.
-        beside_v: Voltage of every cell above the mean, at the simulated samples.
+        voltage_offsets_v: Voltage of every cell above the mean, at the simulated samples.
     """
 
     result: Result
@@ -70,7 +70,7 @@ class Pack(Brief):
     odd: tuple[Odd, ...]
     weakest: str
     left_out: Mapping[str, str]
-    beside_v: Float[np.ndarray, "simulated cells"]
+    voltage_offsets_v: Float[np.ndarray, "simulated cells"]
 
     @property
     def name(self) -> str:
@@ -152,9 +152,9 @@ def identify_pack(job: PackJob) -> Pack:
     if prepared.hysteresis_amplitude_v is not None:
         raise InputError("the circuit of a pack has no dynamic hysteresis; use so-rc or iso-rc")
     rows = np.searchsorted(read.record.row, prepared.record.row[prepared.span])
-    beside_v = read.beside_v[rows]
+    voltage_offsets_v = read.voltage_offsets_v[rows]
     how = tables.settings, job.separate_time_constants
-    fit = fit_pack(prepared, result.circuit_parameters, beside_v, read.cells, *how)
+    fit = fit_pack(prepared, result.circuit_parameters, voltage_offsets_v, read.cells, *how)
     if read.scan is not None:
         fit = _with_lags(fit, read, read.scan)
         ends = {"least_s": float(read.scan.lag_s.min()), "most_s": float(read.scan.lag_s.max())}
@@ -162,7 +162,7 @@ def identify_pack(job: PackJob) -> Pack:
         result = result.model_copy(update={"warnings": (*result.warnings, scanned)})
     fit = _spanning(fit, prepared, tables)
     weakest = min(fit.cells, key=lambda cell: cell.values[LOADED].value).name
-    return Pack(result, fit, tuple(odd_ones(fit)), weakest, read.left_out, beside_v)
+    return Pack(result, fit, tuple(odd_ones(fit)), weakest, read.left_out, voltage_offsets_v)
 
 
 def _spanning(fit: PackFit, prepared: PreparedRecord, tables: TableFits) -> PackFit:

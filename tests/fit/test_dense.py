@@ -100,14 +100,16 @@ def test_the_interval_of_a_cell_of_a_pack_holds_the_circuit_s_error_too():
     prepared = prepared_of(made_record(200, interval_s=3.0))
     # The second cell has 10 % more R0.
     noise_v = 4e-4 * np.random.default_rng(5).standard_normal((200, 2))
-    beside_v = noise_v - [0.0, 5e-3] * prepared.current_a[:, None]
+    voltage_offsets_v = noise_v - [0.0, 5e-3] * prepared.current_a[:, None]
     ocv_nodes = (0.5, 0.6, 0.7, 0.8, 0.9)
     tables = CircuitParameters.over_soc(NODES, TAU_S, (0.05,) * 4, ((0.02,) * 4, (0.03,) * 4))
-    pack = fit_pack(prepared, tables, beside_v, ["A", "B"], replace(SETTINGS, ocv_nodes=ocv_nodes))
+    pack = fit_pack(
+        prepared, tables, voltage_offsets_v, ["A", "B"], replace(SETTINGS, ocv_nodes=ocv_nodes)
+    )
     columns, _ = columns_of(prepared, ocv_nodes)
     smooth, light = (penalty_of(scale, ocv_nodes, FREE_RIDGE) for scale in (1.0, LIGHT))
     level_v = np.median(prepared.voltage_v) + NEARLY_LEVEL_V * prepared.soc
-    bases = prepared.voltage_v - level_v + np.column_stack([np.zeros(200), beside_v]).T
+    bases = prepared.voltage_v - level_v + np.column_stack([np.zeros(200), voltage_offsets_v]).T
     lightly = [fitted_tables(columns, light, base) for base in bases]
     errors = [base + columns @ values for base, values in zip(bases, lightly, strict=True)]
     # Derivatives by the time constants are those of the mean cell.

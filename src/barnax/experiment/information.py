@@ -324,7 +324,7 @@ def information_of(prior: Prior, prepared: PreparedRecord) -> Information:
         slot_s = interval_s * max(1, int(time_s / SLOTS_A_TIME / interval_s))
         start_s, count = (slot_s - interval_s) / 2, 2 + int(times_s[-1] / slot_s)
         slots = Slots(start_s, slot_s, count, count).gathered(times_s, of_unknowns)
-        together = summed(slots, time_s / slot_s) if time_s else slots
+        together = summed(slots, np.full(len(slots) - 1, slot_s / time_s if time_s else np.inf))
         # Products of denormal numbers take six times as long.
         together[np.abs(together) < NOTHING] = 0.0
         noise += sd_v**2 * (slots.T @ together)

@@ -83,7 +83,8 @@ def identify_rows(cell: FleetCell, settings: Options, out: Path | None = None) -
                 if pack is not None:
                     names = [cell.name for cell in pack.fit.cells]
                     factors += [
-                        [each] for each in factors_of_cells(used[0], grid, pack.beside_v, names)
+                        [each]
+                        for each in factors_of_cells(used[0], grid, pack.voltage_offsets_v, names)
                     ]
                 for each, records in zip([row, *of_pack], factors, strict=True):
                     content = factors_to_bytes(records)

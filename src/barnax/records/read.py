@@ -246,7 +246,7 @@ class PackRecord:
     source: Source
     record: Record
     cells: tuple[str, ...]
-    beside_v: Float[np.ndarray, "samples cells"]
+    voltage_offsets_v: Float[np.ndarray, "samples cells"]
     left_out: Mapping[str, str]
     scan: Scan | None = None
 
@@ -294,8 +294,10 @@ def read_pack(source: Source, cells: str | None = None, **reading: Any) -> PackR
     scan = find_scan(logged, cells_v) if lag_s is None else None
     if scan is not None:
         cells_v, lag_s = scan.aligned_v(logged, cells_v), float(np.mean(scan.lag_s))
-    beside_v = cells_v - mean_v[lines][:, None]
-    return PackRecord(of_mean, aligned(logged, lag_s), tuple(used), beside_v, left_out, scan)
+    voltage_offsets_v = cells_v - mean_v[lines][:, None]
+    return PackRecord(
+        of_mean, aligned(logged, lag_s), tuple(used), voltage_offsets_v, left_out, scan
+    )
 
 
 def _voltages(source: Source, pattern: str | None) -> dict[str, Float[np.ndarray, "lines"]]:

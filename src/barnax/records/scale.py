@@ -18,7 +18,6 @@ from .cell_values import DAY_S, is_clock
 from .columns import Column
 from .quantities import CELL_RANGE_V, QUANTITY_OF
 from .samples import COUNTERS, Samples
-from .table import notice_at
 from .witnesses import CERTAIN, CHARGE, LEAST_A, UnitReading, Witness, witnesses_of
 
 Channel = Float[np.ndarray, "samples"]
@@ -275,16 +274,17 @@ def examine_voltage_range(samples: Samples) -> Samples:
     if voltage_v.min() >= 0 and voltage_v.max() <= high_v and beside_v.max() < low_v / 2:
         # A cell that loses or regains its contact jumps there.
         at, least_v = int(np.argmin(voltage_v)), voltage_v.min()
-        low = notice_at(samples, at, "voltage-unit.half-cell", column=name, least_v=least_v)
         # A voltage that never comes near a half cell's is in another unit.
-        return samples.noting(low.rated("warning" if voltage_v.max() < low_v / 10 else "note"))
-    severity: Severity = "error" if impossible.any() else "warning"
+        rating: Severity = "warning" if voltage_v.max() < low_v / 10 else "note"
+        given = {"column": name, "least_v": least_v, "rating": rating}
+        return samples.telling(at, "voltage-unit.half-cell", **given)
     given = {"voltage_v": voltage_v[first], "column": name, "samples": outside.sum()}
     is_most = outside.mean() > 0.5
     given |= {"low_v": low_v, "high_v": high_v, "most": "true" if is_most else None}
-    outlier = notice_at(samples, first, "voltage-unit.outside", **given).rated(severity)
+    rating = "error" if impossible.any() else "warning"
+    samples = samples.telling(first, "voltage-unit.outside", rating=rating, **given)
     # If nearly all is outside, the rest says nothing either.
-    return samples.noting(outlier) if is_most else samples.noting(outlier).keep(~outside)
+    return samples if is_most else samples.keep(~outside)
 
 
 def ask_once(findings: Sequence[Notice], columns: Mapping[str, Column]) -> list[Notice]:

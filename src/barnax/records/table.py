@@ -13,7 +13,7 @@ import polars as pl
 from jaxtyping import Bool, Float, Int
 
 from ..errors import LONGEST_CELL, InputError, cut
-from ..notices import Notice
+from ..notices import Notice, Severity
 from .cell_values import DAY_S, dated_numbers, numbers
 from .columns import Column, Header, in_its_unit, names_cell_voltage, normal
 from .counters import inner
@@ -281,13 +281,16 @@ def take_lines(table: Table, columns: Mapping[str, Column]) -> Lines:
     return lines.keep(~np.all([column.is_null().to_numpy() for column in table.columns], axis=0))
 
 
-def notice_at(source: Lines, line: LineIndex, code: str, /, **values: Any) -> Notice:
-    """A notice of one line, or the first of several, with its row and sheet."""
+def notice_at(
+    source: Lines, line: LineIndex, code: str, /, rating: Severity | None = None, **values: Any
+) -> Notice:
+    """A notice of one line, or the first of several, with its row and sheet, and the usual severity
+    of its code unless it is rated."""
     at = source.at[int(np.argmax(line)) if isinstance(line, np.ndarray) else line]
     ends, sheet = np.cumsum([lines for _, lines in source.table.sheets]), None
     if len(ends) > 1:
         sheet, _ = source.table.sheets[int(np.searchsorted(ends, at, "right"))]
-    return replace(Notice(code, values), row=int(source.table.row[at]), sheet=sheet)
+    return Notice(code, values, row=int(source.table.row[at]), rating=rating, sheet=sheet)
 
 
 def table_sha256(table: Table) -> str:

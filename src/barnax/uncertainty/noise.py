@@ -232,26 +232,32 @@ def fit_gathered(
     edges = _lag_edges(reach)
     count = max(1, math.ceil(TIMES_PER_DECADE * math.log10(max(reach * LONGEST_TIME, 2))))
     times = np.geomspace(1, max(reach * LONGEST_TIME, 2), count + 1)
-    decays = np.exp(-lag / times[:, None])
-    decays[:, reach:] = 0.0
-
     pairs = irfft(np.abs(rfft(counts, padded)) ** 2, padded)[: slots.count]
-    ends = _record_ends(counts, reach)
+
+    def decay(time: float) -> Float[np.ndarray, "slots"]:
+        return np.where(lag < reach, np.exp(-lag / time), 0.0)
+
+    # Most slots of a clock that is fast in bursts are empty, and add nothing.
+    filled = np.flatnonzero(counts)
+    rows, gaps = columns[filled], np.diff(filled).astype(float)
+    # Records are further apart than the longest is long.
+    gaps[gaps >= reach] = np.inf
     width = columns.shape[1]
     spread = np.empty((len(times) + 1, width, width))
     spread[0] = np.eye(width)
     within = np.empty((len(edges) - 1, width, width))
     crossed = np.zeros((len(edges) - 1, len(times)))
     for index, column in enumerate(np.ascontiguousarray(columns.T)):
-        smoothed = np.stack([summed(column, time, ends) for time in times])
-        spread[1:, :, index] = smoothed @ columns
-        apart = _at_lags(column, edges)
-        within[:, :, index] = apart @ columns
-        crossed += apart @ (smoothed * counts).T
+        smoothed = np.stack([summed(column[filled], gaps / time) for time in times])
+        spread[1:, :, index] = smoothed @ rows
+        apart = _at_lags(column, edges, filled)
+        within[:, :, index] = apart @ rows
+        crossed += apart @ (smoothed * counts[filled]).T
     white = -np.einsum("bii->b", within)
     white[0] += samples
     taken = np.einsum("bij,pij->bp", within, spread[1:]) - 2 * crossed
-    expected = np.column_stack([white, _binned(pairs * decays, edges).T + taken])
+    of_parts = [_binned(pairs * decay(time), edges) for time in times]
+    expected = np.column_stack([white, np.transpose(of_parts) + taken])
 
     # Every bin has the same weight, as the mean over its pairs, except for lags without a pair of
     # samples and for bins with few pairs on an uneven clock, which have less.
@@ -260,11 +266,12 @@ def fit_gathered(
     fewest = np.maximum(FEW_PAIRS * even_pairs, 0.5)
     weight = np.where(total_pairs > 0.5, 1 / np.maximum(total_pairs, fewest), 0.0)
     has_pairs = weight > 0
-    filled = np.count_nonzero(counts)
 
     def autocovariance_of(variance: Float[np.ndarray, "parts"]) -> Float[np.ndarray, "slots"]:
-        by_lag = variance[1:] @ decays
-        by_lag[0] += variance[0]
+        by_lag = np.zeros(slots.count)
+        by_lag[0] = variance[0]
+        for part, time in zip(variance[1:], times, strict=True):
+            by_lag += part * decay(time) if part else 0.0
         return by_lag
 
     def noise_of(error_v: Float[np.ndarray, "slots"], unit_v2: float) -> Noise:
@@ -275,7 +282,7 @@ def fit_gathered(
         if unit_v2 > 0:
             by_lag = autocovariance_of(variance)
             spectrum = np.maximum(_mirrored_spectrum(pairs * by_lag, padded), 0.0)
-            scatter = _scatter(irfft(spectrum**2, padded), edges) / filled
+            scatter = _scatter(irfft(spectrum**2, padded), edges) / len(filled)
             weighed = weight[:, None] * scatter * weight
             diagonal = np.diag(weighed)
             weighed += np.diag(SHARE_OF_ERROR**2 * diagonal + OF_LARGEST**2 * diagonal.max())
@@ -353,40 +360,31 @@ def _binned(by_lag: np.ndarray, edges: np.ndarray) -> np.ndarray:
     return np.add.reduceat(by_lag[..., : edges[-1]], edges[:-1], axis=-1)
 
 
-def _record_ends(counts: Float[np.ndarray, "slots"], reach: int) -> Int[np.ndarray, "ends"]:
-    """The last filled slot of every record but the last."""
-    filled = np.flatnonzero(counts)
-    return filled[:-1][np.diff(filled) >= reach]
-
-
 def summed(
-    values: Float[np.ndarray, "slots *columns"],
-    time: float,
-    ends: Int[np.ndarray, "ends"] | slice = slice(0),
-) -> Float[np.ndarray, "slots *columns"]:
-    """The sums of all values of a record, weighted by exp(-|lag| / time); `ends` are the last slots
-    of all records but the last.
+    values: Float[np.ndarray, "samples *columns"], steps: Float[np.ndarray, "steps"]
+) -> Float[np.ndarray, "samples *columns"]:
+    """The sums of all values, weighted by exp(-distance); `steps` are the distances from each
+    sample to the next.
 
     The inverse of that matrix is tridiagonal, and so are its factors L D L'.
     """
-    rest = -np.expm1(-2 / time)
-    diagonal, below = np.ones(len(values)), np.full(len(values) - 1, -np.exp(-1 / time))
-    diagonal[-1] = diagonal[ends] = rest
-    below[ends] = 0.0
+    diagonal = np.append(-1 / np.expm1(-2 * steps), 1.0)
     solve: Any = get_lapack_funcs("pttrs", (values,))
-    return rest * solve(diagonal, below, values)[0]
+    return solve(diagonal, -np.exp(-steps), values)[0]
 
 
 def _at_lags(
-    values: Float[np.ndarray, "slots"], edges: Int[np.ndarray, "edges"]
-) -> Float[np.ndarray, "bins slots"]:
-    """The mean of the values before and after each slot at the lags of every bin, summed."""
-    count, last = len(values), edges[-1]
+    values: Float[np.ndarray, "slots"],
+    edges: Int[np.ndarray, "edges"],
+    chosen: Int[np.ndarray, "chosen"],
+) -> Float[np.ndarray, "bins chosen"]:
+    """The mean of the values before and after each chosen slot at the lags of every bin, summed."""
+    last = edges[-1]
     sums = np.append(0.0, np.cumsum(np.pad(values / 2, last)))
-    within = np.empty((len(edges) - 1, count))
-    nearer = -values / 2
+    within = np.empty((len(edges) - 1, len(chosen)))
+    nearer = -values[chosen] / 2
     for index, edge in enumerate(edges[1:]):
-        near = sums[last + edge :][:count] - sums[last - edge + 1 :][:count]
+        near = sums[chosen + (last + edge)] - sums[chosen + (last - edge + 1)]
         np.subtract(near, nearer, out=within[index])
         nearer = near
     return within

@@ -94,7 +94,7 @@ FAULTS = (
     fault("lines for curves", "fit/intervals.py",
           "on_curve = near + sag - float(moves.by_lines[row])", "on_curve = near + sag", DENSE),
     fault("noise that a fit has followed", "uncertainty/noise.py",
-          "_binned(pairs * decays, edges).T + taken]", "_binned(pairs * decays, edges).T]",
+          "np.transpose(of_parts) + taken]", "np.transpose(of_parts)]",
           "tests/uncertainty/test_noise.py"),
     # Nuisances, and what several shapes, cells or parts leave open.
     fault("least gain of an offset", "fit/current_offset.py",

@@ -37,7 +37,7 @@ def lost(y, args):
 
 
 def run(stop=None, fn=bowl, key=KEY, **settings):
-    optimizer = BarnacleMating(**SMALL, stop=stop or Stop())
+    optimizer = ParticleSwarm(**SMALL, stop=stop or Stop())
     return minimise(fn, optimizer, LOWER, UPPER, key=key, **settings)
 
 
@@ -52,7 +52,7 @@ def history_of(solution):
 
 def test_a_search_by_ask_and_tell_is_that_of_one_call(whole):
     """The losses come from NumPy; what JAX is asked for are positions alone."""
-    optimizer = BarnacleMating(**SMALL)
+    optimizer = ParticleSwarm(**SMALL)
     ask, tell = jax.jit(optimizer.ask), jax.jit(optimizer.tell)
     state = optimizer.begin(jr.split(KEY, 4)[0], LOWER, UPPER)
     history = []
@@ -111,14 +111,14 @@ def test_no_search_that_is_over_reports_beside_others():
     ],
 )  # fmt: skip
 def test_what_no_search_can_be_made_of_is_refused(changes, match):
-    given = {"fn": bowl, "optimizer": BarnacleMating(**SMALL), "lower": LOWER, "upper": UPPER}
+    given = {"fn": bowl, "optimizer": ParticleSwarm(**SMALL), "lower": LOWER, "upper": UPPER}
     with pytest.raises(InputError, match=match):
         minimise(**given | {"key": KEY} | changes)
 
 
 def test_an_error_of_the_function_is_not_laid_to_the_lists_of_its_bounds():
     with pytest.raises(TypeError, match="positional argument"):
-        minimise(lambda y: y[0] ** 2, BarnacleMating(**SMALL), [0.0, 0.0], [1.0, 1.0], key=KEY)
+        minimise(lambda y: y[0] ** 2, ParticleSwarm(**SMALL), [0.0, 0.0], [1.0, 1.0], key=KEY)
 
 
 def test_lists_serve_functions_of_lists_and_a_traced_search_raises_too():
@@ -126,9 +126,9 @@ def test_lists_serve_functions_of_lists_and_a_traced_search_raises_too():
         return bowl(jnp.stack(y), args)
 
     ends = [-4.0, -4.0], [3.0, 3.0]
-    solution = minimise(of_list, BarnacleMating(**SMALL), *ends, key=KEY)
+    solution = minimise(of_list, ParticleSwarm(**SMALL), *ends, key=KEY)
     assert isinstance(solution.value, list)
-    assert minimise(lost, BarnacleMating(**SMALL), *ends, key=KEY, throw=False).value
+    assert minimise(lost, ParticleSwarm(**SMALL), *ends, key=KEY, throw=False).value
     with pytest.raises(eqx.EquinoxRuntimeError):
         eqx.filter_jit(lambda key: run(fn=lost, key=key).value)(KEY)
 

@@ -201,9 +201,7 @@ def both(cell, circuit, kind, drive):
     )
     # LAPACK's factor needs a variance everywhere.
     state, variance = model.start(0.6, 0.1, 1.0, 0.3)
-    actual = jax.jit(run_filter, static_argnums=(3, 4))(
-        model, (state, variance), drive, kind, "joint"
-    )
+    actual = jax.jit(run_filter, static_argnums=3)(model, (state, variance), drive, kind)
     x = np.concatenate([state, np.zeros(2)])
     p = np.diag(np.concatenate([variance, np.array(SLOW_SD) ** 2]))
     plain = Plain(circuit, cell).run(kind, x, p, [np.asarray(each) for each in drive[:6]])

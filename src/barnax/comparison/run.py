@@ -260,7 +260,7 @@ def compare_files(job: ComparisonJob) -> ComparisonResult:
     in_windows = job.changed(window=windows)
     compared = compare(inputs.records[0], inputs.cell, in_windows, inputs.validation)
     with job.watch("Circuits", 0):
-        alone = Job(seeds=0, bounds=job.bounds, fix=job.fix, tables=job.table_settings)
+        alone = Job(seeds=0, bounds=job.bounds, fix=job.fix)
         first = settled(problem_of(inputs, windows, alone, first_circuit(inputs, alone)))
         setup = set_up(first, inputs, windows, alone)
         usual = search_and_assess(setup, None, alone, "none", unwatched)

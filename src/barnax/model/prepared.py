@@ -80,10 +80,9 @@ class PreparedRecord(Brief):
     @property
     def unregistered(self) -> "PreparedRecord":
         """A copy with start and capacity as before any registration."""
-        registration = self.window.registration
-        if registration is None:
+        if self.window.registration is None:
             return self
-        return self.in_window(registration.given).with_dependence(self.dependence)
+        return self.in_window(self.window.unregistered).with_dependence(self.dependence)
 
     def in_window(self, window: Window, record: Record | None = None) -> "PreparedRecord":
         """A copy prepared in another window or of another record, in the better-fitting direction

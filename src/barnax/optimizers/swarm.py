@@ -95,16 +95,7 @@ def sort_by_loss(swarm: Swarm) -> Swarm:
 def keep_best(swarm: Swarm, offspring: Swarm, population: int) -> Swarm:
     """The best of sorted parents and their offspring together, sorted; a parent wins a tie."""
     both = joined(swarm, offspring)
-    if len(both.losses) > COUNTED:
-        kept = best_first(both.losses, population)
-    else:
-        parents, children = swarm.losses, offspring.losses
-        is_beaten = children[:, None] < parents[None, :]
-        is_behind = parents[:, None] <= children[None, :]
-        parent_ranks = jnp.arange(len(parents), dtype=jnp.int32) + _count(is_beaten)
-        kept = items_at_ranks(
-            jnp.concatenate([parent_ranks, ranks(children) + _count(is_behind)]), population
-        )
+    kept = best_first(both.losses, population)
     return Swarm(both.positions[kept], both.losses[kept], offspring.memory)
 
 
@@ -119,10 +110,6 @@ def replaced(is_replaced: Bool[Array, "candidates"], new: Swarm, old: Swarm) -> 
 def better_of_each(swarm: Swarm, offspring: Swarm) -> Swarm:
     """Every candidate, or its own offspring if that is strictly better."""
     return replaced(offspring.losses < swarm.losses, offspring, swarm)
-
-
-def _count(claims: Shaped[Array, "others items"]) -> Int[Array, "items"]:
-    return jnp.sum(claims, axis=0, dtype=jnp.int32)
 
 
 def best_of(swarm: Swarm) -> Swarm:

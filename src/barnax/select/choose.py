@@ -121,22 +121,17 @@ class Bench:
         self.tried.append(_tried(None, chosen, None))
         if chosen.loss is None:
             # Nothing can be held out, so there is no evidence for more.
-            return Choice(self.registered(chosen), tuple(self.tried))
+            return Choice(self.registered(chosen)[1], tuple(self.tried))
         chosen = self._climbed(chosen)
-        answer = self.registered(chosen)
-        if answer is not chosen:
+        again, answer = self.registered(chosen)
+        if again is not self:
             # A wrong start looks like a feature of a richer circuit, so the choice is repeated
-            # without it.
-            windows = {one.record.name: one.window for one in answer.objective.prepared_records}
-
-            def prepare(circuit: str) -> list[PreparedRecord]:
-                return [one.in_window(windows[one.record.name]) for one in self.prepare(circuit)]
-
-            again = replace(self, prepare=prepare)
-            chosen = again.fit(answer.point)
-            self.tried.append(_tried("starts", chosen, None))
-            chosen = again._climbed(chosen)
-            answer = answer if chosen.point == answer.point else self.registered(chosen)
+            # without it. Factors at the given starts are large, and seldom needed after that.
+            self._fits.clear()
+            self._finest.clear()
+            self.tried.append(_tried("starts", answer, None))
+            chosen = again._climbed(answer)
+            answer = answer if chosen.point == answer.point else self.registered(chosen)[1]
         return Choice(self._with_determined_pairs(answer), tuple(self.tried))
 
     def _climbed(self, chosen: Fitted) -> Fitted:
@@ -190,25 +185,29 @@ class Bench:
             if are_alike or any(one.low is None for one in means if one.name != OHMIC):
                 simpler = self.fit(point)
                 self.tried.append(_tried("without", simpler, None))
-                return self._with_determined_pairs(self.registered(simpler))
+                return self._with_determined_pairs(self.registered(simpler)[1])
         return answer
 
     @in_float64
-    def registered(self, chosen: Fitted) -> Fitted:
-        """A circuit with starts and capacities of several records registered on each other."""
+    def registered(self, chosen: Fitted) -> "tuple[Bench, Fitted]":
+        """A circuit with starts and capacities of several records registered on each other, and the
+        records with these; unchanged if nothing is to be registered."""
         given, settings = self.records_of(chosen.point), self.settings
         is_fixed = settings.keep_starts or not settings.ocv_correction or self.limits.has_ocv
         if is_fixed or len(given) < 2:
-            return chosen
-        of_point = chosen.objective.settings
-        records = register(given, replace(of_point, ocv_correction=True))
+            return self, chosen
+        records = register(given, replace(chosen.objective.settings, ocv_correction=True))
         registration = records[0].window.registration
         if registration is None or records[0].window == given[0].window:
-            return chosen
+            return self, chosen
         law = Dependence(**{**registration.follows}) if registration.follows else None  # pyrefly: ignore
-        objective = reduced_objective([record.with_dependence(law) for record in records], of_point)
-        best = find_best(objective)
-        return Fitted(replace(chosen.point, law=law), objective, best, chosen.loss)
+        windows = {one.record.name: one.window for one in records}
+
+        def prepare(circuit: str) -> list[PreparedRecord]:
+            return [one.in_window(windows[one.record.name]) for one in self.prepare(circuit)]
+
+        again = replace(self, prepare=prepare)
+        return again, again.fit(replace(chosen.point, law=law))
 
     def _richer(self, point: Point, ladders: Collection[Ladder]) -> Iterator[tuple[Ladder, Fitted]]:
         """The circuits one rung of these ladders away."""
@@ -330,7 +329,9 @@ class Bench:
     def _fit(self, point: Point) -> Fitted:
         # The finest nodes of all are seldom reached, and cost as much as all others together.
         ladder = self.limits.nodes
-        finest = replace(point, nodes=ladder[-1] if point.nodes == ladder[-1] else ladder[-2])
+        has_finest = (point.kind, ladder[-1], point.law) in self._finest
+        is_finest = has_finest or point.nodes == ladder[-1]
+        finest = replace(point, nodes=ladder[-1] if is_finest else ladder[-2])
         key = (point.kind, finest.nodes, point.law)
         if key not in self._finest:
             settings = self.limits.settings_of(finest, self.settings)

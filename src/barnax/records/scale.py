@@ -276,13 +276,12 @@ def examine_voltage_range(samples: Samples) -> Samples:
         at, least_v = int(np.argmin(voltage_v)), voltage_v.min()
         # A voltage that never comes near a half cell's is in another unit.
         rating: Severity = "warning" if voltage_v.max() < low_v / 10 else "note"
-        given = {"column": name, "least_v": least_v, "rating": rating}
-        return samples.telling(at, "voltage-unit.half-cell", **given)
+        return samples.telling(at, "voltage-unit.half-cell", rating, column=name, least_v=least_v)
     given = {"voltage_v": voltage_v[first], "column": name, "samples": outside.sum()}
     is_most = outside.mean() > 0.5
     given |= {"low_v": low_v, "high_v": high_v, "most": "true" if is_most else None}
     rating = "error" if impossible.any() else "warning"
-    samples = samples.telling(first, "voltage-unit.outside", rating=rating, **given)
+    samples = samples.telling(first, "voltage-unit.outside", rating, **given)
     # If nearly all is outside, the rest says nothing either.
     return samples if is_most else samples.keep(~outside)
 

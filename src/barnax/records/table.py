@@ -247,9 +247,11 @@ class Lines:
         """The lines with additional findings."""
         return replace(self, findings=(*self.findings, *findings))
 
-    def telling(self, line: LineIndex, code: str, /, **values: Any) -> Self:
+    def telling(
+        self, line: LineIndex, code: str, rating: Severity | None = None, /, **values: Any
+    ) -> Self:
         """The lines with a notice of one of them, or of the first of several."""
-        return self.noting(notice_at(self, line, code, **values))
+        return self.noting(notice_at(self, line, code, rating, **values))
 
     def having(self, **values: np.ndarray) -> Self:
         """The lines with other values of some quantities."""
@@ -282,7 +284,7 @@ def take_lines(table: Table, columns: Mapping[str, Column]) -> Lines:
 
 
 def notice_at(
-    source: Lines, line: LineIndex, code: str, /, rating: Severity | None = None, **values: Any
+    source: Lines, line: LineIndex, code: str, rating: Severity | None = None, /, **values: Any
 ) -> Notice:
     """A notice of one line, or the first of several, with its row and sheet, and the usual severity
     of its code unless it is rated."""

@@ -3,11 +3,13 @@
 import hashlib
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
 from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -390,6 +392,16 @@ def test_a_path_that_takes_no_folder_is_refused_before_any_work(
     (tmp_path / "loop").symlink_to("loop")
     forced = () if name == "out" else ("--force",)
     assert message.format(tmp=tmp_path) in refuse(*IDENTIFY, "--out", name, *forced)
+
+
+def test_a_full_disk_is_refused_before_any_work(tmp_path, monkeypatch):
+    usage = {"total": 0, "free": 123_456}
+    monkeypatch.setattr(shutil, "disk_usage", lambda folder: SimpleNamespace(**usage))
+    require_free(tmp_path / "fresh", False)
+    usage["total"] = 10**9
+    full = f"fresh: the disk of {tmp_path} has 0.1 MB left, and results take about 4 MB; make room"
+    with pytest.raises(InputError, match=re.escape(full)):
+        require_free(tmp_path / "fresh", False)
 
 
 @pytest.mark.parametrize(("files", "is_forced"), [(OLD, False), (MINE, False), (MINE, True)])

@@ -32,6 +32,8 @@ PLAN = "plan.toml"
 # What barnax wrote into a folder, each file with its SHA-256: all else is the user's, whatever its
 # name, as is anything changed since.
 LIST = "files.json"
+# Bytes of a result with its report and figures.
+ROOM = 4_000_000
 
 
 @group
@@ -349,10 +351,16 @@ def require_free_file(path: Path, is_forced: bool, read: Iterable[Path] = ()) ->
 
 
 def _writable(path: Path, target: Path, another: str) -> Path:
-    """The nearest existing folder above a path. Raises `InputError` if it is not writable."""
+    """The nearest existing folder above a path. Raises `InputError` if it is not writable, or its
+    disk is full."""
     existing = next(parent for parent in target.parents if parent.exists())
     if not existing.is_dir() or not os.access(existing, os.W_OK):
         raise InputError(f"{path}: {existing} cannot be written to; {another}")
+    usage = shutil.disk_usage(existing)
+    # Some file systems of a network do not say.
+    if usage.total and usage.free < ROOM:
+        room = f"{usage.free / 1e6:.1f} MB left, and results take about {ROOM / 1e6:.0f} MB"
+        raise InputError(f"{path}: the disk of {existing} has {room}; make room, or {another}")
     return existing
 
 

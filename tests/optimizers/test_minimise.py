@@ -176,6 +176,7 @@ def test_each_search_ends_in_the_first_generation_where_its_stop_is_reached(
     [
         ("target", "a"), ("max_evaluations", 2.5), ("ftol", True), ("patience", "50"),
         ("target", float("nan")), ("ftol", float("inf")), ("patience", None), ("patience", 0),
+        ("max_evaluations", 0), ("max_evaluations", -5),
     ],
 )  # fmt: skip
 def test_a_stop_that_would_never_end_is_refused_with_its_value(limit, value):
@@ -234,11 +235,3 @@ def test_losses_of_another_number_than_positions_are_refused():
     assert search.tell(state, positions, [1.0] * 8).best_loss == 1.0
     with pytest.raises(InputError, match=r"`population` 30\.5 is not a whole number"):
         make_optimizer("pso", population=30.5, iterations=3)
-
-
-@pytest.mark.parametrize("evaluations", [0, -5])
-def test_a_stop_before_the_first_evaluation_is_refused(evaluations):
-    with pytest.raises(
-        InputError, match=rf"`max_evaluations` {evaluations} ends no search; .* 1 on"
-    ):
-        Stop(max_evaluations=evaluations)

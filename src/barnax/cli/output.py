@@ -351,8 +351,7 @@ def require_free_file(path: Path, is_forced: bool, read: Iterable[Path] = ()) ->
 
 
 def _writable(path: Path, target: Path, another: str) -> Path:
-    """The nearest existing folder above a path. Raises `InputError` if it is not writable, or its
-    disk is full."""
+    """The nearest existing folder above a path. Raises `InputError` if nothing can be written."""
     existing = next(parent for parent in target.parents if parent.exists())
     if not existing.is_dir() or not os.access(existing, os.W_OK):
         raise InputError(f"{path}: {existing} cannot be written to; {another}")

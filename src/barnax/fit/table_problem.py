@@ -51,8 +51,9 @@ def reduced_objective(
     )
     # A shortened part is no longer triangular, as taking one of its voltages requires.
     whole = combine_factors(parts) if voltage_offsets_v is None else parts[0]
-    # A group visits few nodes: most rows of its triangle are empty.
-    parts = [replace(part, factor=part.factor[part.factor.any(axis=1)]) for part in parts]
+    # A group visits few nodes: most rows of its triangle are empty. Each is released at once.
+    for index, part in enumerate(parts):
+        parts[index] = replace(part, factor=part.factor[part.factor.any(axis=1)])
     return TableObjective(list(prepared_records), settings, ranges, whole, parts)
 
 

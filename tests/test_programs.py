@@ -11,9 +11,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jinja2 import DictLoader, Environment
 
 from barnax import execution, programs
 from barnax.execution import compile_for
+from barnax.reporting.bytecode import KeptTemplates
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="kept on Linux alone")
 SOUND = np.array([[4.0, 2.0], [2.0, 5.0]])
@@ -178,7 +180,7 @@ def test_an_edit_is_another_source_and_keeps_nothing(folder, tmp_path, edited, m
     monkeypatch.setattr(programs, "_source", before)
     file.write_text("RATE = 2.0\n", encoding="utf-8")
     assert programs._hash_source() != before
-    programs._write(path, content)
+    programs.write(path, content)
     assert not [*folder.iterdir()]
 
 
@@ -191,7 +193,7 @@ def test_a_damaged_file_is_compiled_anew_and_replaced(folder, compiled, damaged,
     first = run(monkeypatch)
     (path,) = folder.iterdir()
     path.write_bytes(damaged(path.read_bytes()))
-    assert programs._read(path) is None
+    assert programs.read(path) is None
     assert run(monkeypatch).tobytes() == first.tobytes() == run(monkeypatch).tobytes()
     assert len(compiled) == 2
 
@@ -202,8 +204,32 @@ def test_a_program_under_the_name_of_another_is_not_loaded(folder, monkeypatch):
     other = path.with_name(f"{'0' * 64}.program")
     other.write_bytes(path.read_bytes())
     other.chmod(0o600)
-    assert programs._read(path)
-    assert programs._read(other) is None
+    assert programs.read(path)
+    assert programs.read(other) is None
+
+
+@pytest.mark.parametrize("kept", [True, False])
+def test_templates_are_kept_beside_programs(folder, kept, monkeypatch):
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(folder.parent))
+    monkeypatch.setenv("JAX_ENABLE_COMPILATION_CACHE", str(kept).lower())
+    programs._is_ready.cache_clear()
+    compiled, compile_ = [], Environment.compile
+
+    def rendered(source):
+        loader = DictLoader({"sum.txt": source})
+        return Environment(loader=loader, bytecode_cache=KeptTemplates()).get_template("sum.txt")
+
+    def counted(self, source, *given, **named):
+        compiled.append(source)
+        return compile_(self, source, *given, **named)
+
+    monkeypatch.setattr(Environment, "compile", counted)
+    first, second, edited = (
+        rendered(text).render(x=2) for text in ["{{ x + 3 }}"] * 2 + ["{{ x }}"]
+    )
+    assert (first, second, edited) == ("5", "5", "2")
+    assert len(compiled) == (2 if kept else 3)
+    assert folder.exists() == kept
 
 
 @pytest.mark.usefixtures("folder")
@@ -215,10 +241,10 @@ def test_nothing_is_kept_where_jax_has_several_devices(monkeypatch):
 def test_what_jax_does_not_load_again_is_left_to_its_own_cache(folder, compiled, monkeypatch):
     first = run(monkeypatch)
     (path,) = folder.iterdir()
-    programs._write(path, b"no program")
-    assert programs._read(path) == b"no program"
+    programs.write(path, b"no program")
+    assert programs.read(path) == b"no program"
     assert run(monkeypatch).tobytes() == first.tobytes() == run(monkeypatch).tobytes()
-    assert programs._read(path) == b""
+    assert programs.read(path) == b""
     assert compiled[1:] == ["factor_of", "factor_of"]
 
 
@@ -228,7 +254,7 @@ def test_what_others_may_write_is_not_loaded(folder, compiled, mode, monkeypatch
     (path,) = folder.iterdir()
     assert path.stat().st_mode & 0o777 == 0o600
     path.chmod(mode)
-    assert programs._read(path) is None
+    assert programs.read(path) is None
     path.chmod(0o600)
     folder.chmod(mode)
     run(monkeypatch)
@@ -241,7 +267,7 @@ def test_what_is_another_users_is_neither_loaded_nor_written(folder, compiled, m
     content, user = path.read_bytes(), os.geteuid()
     with monkeypatch.context() as patch:
         patch.setattr(os, "geteuid", lambda: user + 1)
-        assert programs._read(path) is None
+        assert programs.read(path) is None
         run(monkeypatch)
     assert len(compiled) == 2
     assert path.read_bytes() == content
@@ -252,8 +278,8 @@ def test_a_link_is_not_followed(folder, tmp_path, monkeypatch):
     (path,) = folder.iterdir()
     link = folder / f"{'0' * 64}.program"
     link.symlink_to(path)
-    assert programs._read(path)
-    assert programs._read(link) is None
+    assert programs.read(path)
+    assert programs.read(link) is None
     folder.rename(tmp_path / "other")
     folder.symlink_to(tmp_path / "other")
     programs._is_ready.cache_clear()
@@ -273,7 +299,7 @@ def test_what_jax_cannot_write_is_in_its_own_cache_from_then_on(folder, compiled
     sines = [run(monkeypatch, called, np.ones(2, np.float32)) for _ in range(2)]
     np.testing.assert_allclose(sines, np.sin(np.ones((2, 2))), rtol=1e-6)
     (path,) = folder.iterdir()
-    assert programs._read(path) == b""
+    assert programs.read(path) == b""
     assert [name == "called" for name in compiled] == [False, True]
 
 

@@ -1,4 +1,4 @@
-"""Compiled programs of a command, kept as executables between runs.
+"""Compiled programs of a command, kept as executables between runs, and templates beside them.
 
 JAX's own cache saves a warm run from compiling, but not from tracing and lowering, a fifth of the
 time of `barnax identify`. So XLA's output is kept in a file, whose name is a hash of all its
@@ -29,9 +29,10 @@ from typing import Any
 FOLDER = "barnax-programs"
 # The programs of about eighty runs.
 MOST_BYTES = 256 * 2**20
-# Packages whose functions are traced.
+# Packages whose functions are traced, and that of templates.
 TRACED = (
-    "equinox", "jax", "jaxlib", "lineax", "ml_dtypes", "numpy", "opt_einsum", "optimistix"
+    "equinox", "jax", "jaxlib", "jinja2", "lineax", "ml_dtypes", "numpy", "opt_einsum",
+    "optimistix"
 )  # fmt: skip
 # Modules of barnax that a process has loaded when its command begins.
 BEGUN = {f"barnax.{name}" for name in ("__main__", "devices", "display", "programs")}
@@ -97,7 +98,7 @@ def kept(
     # With a JAX that has other settings nothing is kept.
     with suppress(AttributeError, OSError):
         path = _path_of(function, arguments)
-    content = b"" if path is None else _read(path)
+    content = b"" if path is None else read(path)
     if content:
         program = _loaded(content)
     elif content is None and path is not None:
@@ -105,7 +106,7 @@ def kept(
         # find this one there.
         ending = uuid.uuid4().hex
         program = compile_as(ending)
-        _write(path, _content_of(program))
+        write(path, _content_of(program))
         for other in path.parents[1].glob(f"*{ending}*"):
             with suppress(OSError):
                 other.unlink()
@@ -113,7 +114,7 @@ def kept(
         # A program that cannot be kept has an empty file, and is in JAX's own cache.
         program = compile_as("")
         if content and path is not None:
-            _write(path, b"")
+            write(path, b"")
     return program
 
 
@@ -124,14 +125,13 @@ def _path_of(function: Callable[..., Any], arguments: Sequence[Any]) -> Path | N
 
     settings: Any = jax.config
     cache = settings.jax_enable_compilation_cache and settings.jax_compilation_cache_dir
-    has_flags = any(name.startswith(FLAGS) for name in os.environ)
-    # An address is left to JAX.
-    if _source is None or not cache or "://" in cache or has_flags:
+    folder, has_flags = _folder_in(cache), any(name.startswith(FLAGS) for name in os.environ)
+    if folder is None or has_flags:
         return None
-    request, folder = _request(function, arguments), Path(cache) / FOLDER
+    request = _request(function, arguments)
     # A program is loaded for all devices.
     is_alone = jax.default_backend() == "cpu" and jax.device_count() == 1
-    if request is None or not is_alone or not _is_ready(folder):
+    if request is None or not is_alone:
         return None
     variables = sorted(pair for pair in os.environ.items() if pair[0].startswith(VARIABLES))
     in_thread = [
@@ -144,6 +144,25 @@ def _path_of(function: Callable[..., Any], arguments: Sequence[Any]) -> Path | N
     cores = len(os.sched_getaffinity(0))
     # In full: these are texts, bytes and numbers.
     made_from = _source, versions, _processor(), cores, variables, in_thread, request
+    return _file_in(folder, made_from)
+
+
+def template_file(key: str) -> Path | None:
+    """The file of a template's bytecode; None if templates are not kept."""
+    is_on = os.environ.get("JAX_ENABLE_COMPILATION_CACHE", "1").lower() not in ("0", "false")
+    folder = _folder_in(is_on and os.environ.get("JAX_COMPILATION_CACHE_DIR"))
+    return folder and _file_in(folder, (_source, sys.version, key))
+
+
+def _folder_in(cache: str | bool | None) -> Path | None:
+    """The folder of programs in JAX's cache; None if none are kept, as at an address."""
+    if _source is None or not isinstance(cache, str) or "://" in cache:
+        return None
+    folder = Path(cache) / FOLDER
+    return folder if cache and _is_ready(folder) else None
+
+
+def _file_in(folder: Path, made_from: tuple[Any, ...]) -> Path:
     return folder / f"{hashlib.sha256(repr(made_from).encode()).hexdigest()}.program"
 
 
@@ -190,7 +209,7 @@ def _is_private(status: os.stat_result) -> bool:
     return status.st_uid == os.geteuid() and not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
 
 
-def _read(path: Path) -> bytes | None:
+def read(path: Path) -> bytes | None:
     """The content of a file; None if there is none that this user has written whole."""
 
     def opened(name: str, flags: int) -> int:
@@ -236,7 +255,7 @@ def _content_of(program: Any) -> bytes:
         return b""
 
 
-def _write(path: Path, content: bytes) -> None:
+def write(path: Path, content: bytes) -> None:
     """Write a program's file whole, unless the source was edited meanwhile or the disk is full."""
     written = path.with_name(uuid.uuid4().hex)
     with suppress(OSError):

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from .. import __version__
+from .. import __version__, devices
 from .compare import compare, optimizers
 from .design import design
 from .files import check, convert, export
@@ -45,3 +45,4 @@ def common(
 
     Run barnax identify without arguments to see it work on the bundled cell.
     """
+    devices.keep_compiled()

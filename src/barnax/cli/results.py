@@ -16,7 +16,7 @@ from ..errors import InputError, attempt
 from ..settings import Reading, Window
 from .options import Given, group, options_of, windows_of
 from .output import RESULTS, Output, add_file, drawn_files, page_of, require_free_file, write_file
-from .session import Session, prepare_jax, shown
+from .session import Session, require_platform, shown
 
 if TYPE_CHECKING:
     from ..records import Source
@@ -253,7 +253,7 @@ def _document(
         missing = "the worst fits are drawn by barnax fleet, with its manifest"
         drawn = reporting.fleet.fleet_illustrations(rows, {})
         return reporting.fleet.fleet_document(summarize(rows), drawn), missing
-    prepare_jax()
+    require_platform()
     keys = _keys(path)
     if "scenarios" in keys:
         missing = "soc.json has no estimates over time; barnax soc --report draws them"

@@ -121,7 +121,7 @@ class Session:
     def load_jax(self) -> None:
         """A stage that loads JAX and the identification."""
         with self.watch("Loading JAX"):
-            prepare_jax()
+            require_platform()
             import_module("barnax.identification.pipeline")
 
     @contextmanager
@@ -170,12 +170,6 @@ class Session:
         """Seconds of every stage so far, as `timings.json`."""
         seconds = {f"{stage} [s]": round(spent, 3) for stage, spent in self.seconds.items()}
         return (json.dumps(seconds, indent=1) + "\n").encode()
-
-
-def prepare_jax() -> None:
-    """Set the device of JAX and its cache, before it is loaded."""
-    devices.keep_compiled()
-    require_platform()
 
 
 def require_platform() -> None:

@@ -13,6 +13,7 @@ from markupsafe import Markup, escape
 from rich.cells import cell_len
 
 from ..plots import Kind, encode
+from .bytecode import KeptTemplates
 from .document import Bullets, Page, Paragraph, Picture, ReportTable
 
 # Markdown's special characters. Brackets count only if a link could follow, and underscores only at
@@ -113,6 +114,7 @@ def _templates(for_html: bool) -> Environment:
         autoescape=for_html,
         undefined=StrictUndefined,
         finalize=_seen,
+        bytecode_cache=KeptTemplates(),
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,

@@ -33,6 +33,7 @@ from ..cell.soc_axis import ABOVE_SOC
 from ..notices import sentences_of
 from ..settings import MAX_MOVED_SOC
 from . import words
+from .bytecode import KeptTemplates
 from .document import (
     Block,
     Bullets,
@@ -206,6 +207,7 @@ def _templates() -> Environment:
         loader=PackageLoader("barnax.reporting", "templates/words"),
         undefined=StrictUndefined,
         finalize=_in_one_cell,
+        bytecode_cache=KeptTemplates(),
     )
     functions = {name: value for name, value in vars(words).items() if isfunction(value)}
     functions |= {"median": median, "alike": alike, "parameter_heads": parameter_heads}

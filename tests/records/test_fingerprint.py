@@ -7,11 +7,11 @@ from barnax.bundled import BUNDLED
 from barnax.records import read_record, record_from_frame
 from barnax.records.fingerprint import Content, read_fingerprint
 from barnax.records.lag import aligned
-from helpers.records import CURRENT, TIME, VOLTAGE, pulses_a, simulated_cell
+from helpers.records import logged, pulses_a, simulated_cell
 
 
 def recorded(time_s, current_a, voltage_v):
-    return record_from_frame({TIME: time_s, CURRENT: -current_a, VOLTAGE: voltage_v})
+    return record_from_frame(logged(time_s, -current_a, voltage_v))
 
 
 four_digits = np.vectorize(lambda value: float(f"{value:.4g}"))

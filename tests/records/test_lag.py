@@ -8,17 +8,16 @@ from scipy.signal import lfilter
 from barnax import bundled_file, check_file
 from barnax.records import read_record, record_from_frame, source_from_frame
 from barnax.records.lag import find_lag, lagged
-from helpers.records import CURRENT, TIME, VOLTAGE, simulated_cell
+from helpers.records import CURRENT, VOLTAGE, logged, simulated_cell
 
 R0 = 0.05
 BUNDLED = read_record(bundled_file("identification"))
 
 
-def bundled_late(rows, sign=1):
+def bundled_late(rows):
     """The bundled drive, whose voltage stands so many rows lower."""
-    late = pl.Series(VOLTAGE, BUNDLED.voltage_v).shift(rows)
-    table = {TIME: BUNDLED.time_s, CURRENT: -sign * BUNDLED.current_a, VOLTAGE: late}
-    return pl.DataFrame(table).drop_nulls()
+    table = logged(BUNDLED.time_s, -BUNDLED.current_a, BUNDLED.voltage_v)
+    return table.with_columns(pl.col(VOLTAGE).shift(rows)).drop_nulls()
 
 
 def log(interval_s, lag, seed=0, samples=2000, least_a=-2.0):
@@ -30,7 +29,7 @@ def log(interval_s, lag, seed=0, samples=2000, least_a=-2.0):
     row = np.arange(samples)
     volts = simulated_cell(current_a, interval_s, r0=R0)
     volts = np.interp(row - lag, row, volts) + 5e-4 * rng.standard_normal(samples)
-    return pl.DataFrame({TIME: interval_s * row, CURRENT: -current_a, VOLTAGE: volts})
+    return logged(interval_s * row, -current_a, volts)
 
 
 @pytest.mark.parametrize("shape", [1000, (3, 1000)])
@@ -46,8 +45,7 @@ def test_a_first_order_lag_is_scipys_filter(tau, shape):
 def test_half_a_period_of_a_simulated_load_is_no_lag(half, sign):
     current_a = 2.0 * np.resize([1.0] * half + [-1.0] * half, 3000)
     volts = simulated_cell(current_a, 1.0, r0=R0)
-    table = {TIME: np.arange(3000.0), CURRENT: sign * current_a, VOLTAGE: volts}
-    record = record_from_frame(table)
+    record = record_from_frame(logged(np.arange(3000.0), sign * current_a, volts))
     assert (record.sign.value == "discharge-positive") is (sign > 0)
     assert not record.voltage_lag_s
 
@@ -80,7 +78,7 @@ def test_a_pair_of_a_sample_is_no_lag():
     rng = np.random.default_rng(2)
     current_a = np.repeat(rng.uniform(-2, 3, 500), rng.integers(1, 9, 500))
     volts = simulated_cell(current_a, r0=R0, pairs=((0.2 * R0, 1.5),))
-    table = {TIME: np.arange(len(volts)) * 1.0, CURRENT: -current_a, VOLTAGE: volts}
+    table = logged(np.arange(len(volts)) * 1.0, -current_a, volts)
     assert record_from_frame(table).voltage_lag_s == 0.0
 
 
@@ -114,10 +112,9 @@ def test_a_slow_log_shows_a_row_too_late_and_takes_no_average_for_one(every):
     amperes, volts = (values[:whole].reshape(-1, every) for values in both)
 
     def lag(current_a, voltage_v):
-        columns = {TIME: every * np.arange(float(len(current_a)))}
-        columns |= {CURRENT: -current_a, VOLTAGE: voltage_v}
+        table = logged(every * np.arange(float(len(current_a))), -current_a, voltage_v)
         known = {"current_sign": "charge-positive", "voltage_lag": 0.0}
-        return find_lag(record_from_frame(pl.DataFrame(columns), name="slow", **known))
+        return find_lag(record_from_frame(table, name="slow", **known))
 
     actual = lag(amperes[1:, 0], volts[:-1, 0])
     assert actual is not None

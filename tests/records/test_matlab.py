@@ -112,19 +112,17 @@ WRITERS = {
     "v5 compressed": lambda tree: matlab_5(tree, do_compression=True),
     "v7.3": matlab_73,
 }
-by_writer = pytest.mark.parametrize("writer", WRITERS)
 # Compression is undone by SciPy, whatever is inside.
 by_format = pytest.mark.parametrize("writer", ["v5", "v7.3"])
 
 
-@pytest.fixture
+@pytest.fixture(autouse=True)
 def untried(monkeypatch):
     """Without the trial in a process of its own, which takes half a second: test_room.py and the
-    tests of good and of damaged files have it."""
+    test of damaged files have it."""
     monkeypatch.setattr(matlab, "require_trial", lambda *_: None)
 
 
-@pytest.mark.usefixtures("untried")
 @by_format
 @pytest.mark.parametrize("name", FILES)
 def test_a_structure_of_columns_is_a_record(tmp_path, writer, name):
@@ -137,7 +135,6 @@ def test_a_structure_of_columns_is_a_record(tmp_path, writer, name):
     assert any(note in each for each in remarks(record)) == (name == "Plett")
 
 
-@pytest.mark.usefixtures("untried")
 @by_format
 def test_the_cycles_of_nasa_are_joined_by_their_dates(tmp_path, writer):
     record = read(tmp_path, WRITERS[writer](nasa()))
@@ -147,7 +144,6 @@ def test_the_cycles_of_nasa_are_joined_by_their_dates(tmp_path, writer):
     assert "2 cycles of 'B0005.cycle' joined" in " ".join(remarks(record))
 
 
-@pytest.mark.usefixtures("untried")
 @by_format
 def test_a_structure_is_chosen_by_where_its_columns_stand(tmp_path, writer):
     tree = {"cellA": script(), "cellB": script(voltage=VOLTS - 0.1)}
@@ -163,7 +159,6 @@ def test_a_structure_is_chosen_by_where_its_columns_stand(tmp_path, writer):
     )
 
 
-@pytest.mark.usefixtures("untried")
 @by_format
 @pytest.mark.parametrize(
     ("tree", "held"),
@@ -182,14 +177,12 @@ def test_what_is_no_record_is_refused_by_what_it_holds(tmp_path, writer, tree, h
     assert held in said or writer == "v7.3"
 
 
-@pytest.mark.usefixtures("untried")
 def test_a_table_of_ocv_is_one(tmp_path):
     soc = np.linspace(0, 1, 20)
     (tmp_path / "ocv.mat").write_bytes(matlab_5({"model": {"SOC": soc, "OCV": 3 + soc}}))
     assert len(read_ocv_test(tmp_path / "ocv.mat").branches[0]) == 20
 
 
-@pytest.mark.usefixtures("untried")
 def test_dates_in_days_are_recognized(tmp_path):
     tree = {"Time": 738_000 + TIMES / 86_400, "Current": AMPS, "Voltage": VOLTS}
     record = read(tmp_path, matlab_5(tree))
@@ -199,14 +192,14 @@ def test_dates_in_days_are_recognized(tmp_path):
         np.testing.assert_allclose(np.diff(one.time_s), 1, atol=1e-4)
 
 
-@by_writer
+@pytest.mark.parametrize("writer", WRITERS)
 @pytest.mark.parametrize("share", [pytest.param(0.3, marks=pytest.mark.slow), 0.9])
-def test_a_damaged_file_is_refused(tmp_path, writer, share):
+def test_a_damaged_file_is_refused(tmp_path, writer, share, monkeypatch):
+    monkeypatch.undo()
     content = WRITERS[writer]({"meas": KOLLMEYER})
     assert "damaged or cut short" in refusal(tmp_path, content[: int(share * len(content))])
 
 
-@pytest.mark.usefixtures("untried")
 def test_a_file_that_reaches_into_others_is_refused_or_read_without_them(tmp_path):
     h5py = pytest.importorskip("h5py")
     (tmp_path / "secret").write_bytes(b"12345678" * 300)
@@ -225,7 +218,6 @@ def test_a_file_that_reaches_into_others_is_refused_or_read_without_them(tmp_pat
     assert "without a structure" in refusal(tmp_path, content.getvalue())
 
 
-@pytest.mark.usefixtures("untried")
 def test_what_refers_to_itself_ends(tmp_path):
     h5py = pytest.importorskip("h5py")
     content = io.BytesIO()

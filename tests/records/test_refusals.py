@@ -18,6 +18,8 @@ from helpers.records import (
     TIME,
     VOLTAGE,
     arbin_rows,
+    changed,
+    logged,
     parquet,
     pulse_frame,
     read,
@@ -30,17 +32,10 @@ FRAME = pulse_frame()
 ROWS = arbin_rows(FRAME)
 SHORT = FRAME[:20]
 HOURS = np.linspace(0, 20, 2000)
-SWEEP = {TIME: HOURS * 3600, CURRENT: 0 * HOURS - 100, VOLTAGE: 4.1 - HOURS / 20}
 
 
 def csv(table):
     return table.write_csv().encode()
-
-
-def one(column, line, value):
-    values = FRAME[column].to_list()
-    values[line] = value
-    return FRAME.with_columns(pl.Series(column, values, strict=False))
 
 
 def bad_later_sheet():
@@ -55,8 +50,8 @@ REFUSED = {
     "an OCV table": b"SOC [-],OCV [V]\n0,3\n0.3,3.5\n0.6,3.7\n1,4.2\n",
     "an OCV table over the depth of discharge": b"DoD [-],OCV [V]\n0,3\n0.3,3.5\n0.6,3.7\n1,4.2\n",
     "a long header": b"<td>nothing</td> " * 500 + b"\n1\n",
-    "nan": csv(one(VOLTAGE, 40, float("nan"))),
-    "an empty cell": parquet(one(CURRENT, 7, None)),
+    "nan": csv(changed(FRAME, VOLTAGE, np.nan, [40])),
+    "an empty cell": parquet(changed(FRAME, CURRENT, np.nan, [7]).fill_nan(None)),
     "a row with a cell more": csv(FRAME).replace(b"\n4.0,", b"\n4.0,1,"),
     "rows with a cell more": csv(FRAME.select(FRAME[TIME].alias("t"), pl.all())).removeprefix(
         b"t,"
@@ -79,7 +74,7 @@ REFUSED = {
 }
 
 TOLD = {
-    "milliamperes of a slow sweep": csv(pl.DataFrame(SWEEP)),
+    "milliamperes of a slow sweep": csv(logged(HOURS * 3600, 0 * HOURS - 100, 4.1 - HOURS / 20)),
     "a row cut off": csv(SHORT) + b"20.0,-0.1",
     "a temperature with a gap": csv(
         SHORT.with_columns(pl.Series("Temperature / degC", [25.0] * 19 + [None]))

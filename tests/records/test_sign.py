@@ -8,29 +8,36 @@ from hypothesis import strategies as st
 
 from barnax.records import Decision, read_record, record_from_frame
 from barnax.records.sign import _weighed
-from helpers.records import pulses_a, simulated_cell
+from helpers.records import (
+    CURRENT,
+    TIME,
+    VOLTAGE,
+    logged,
+    pulses_a,
+    scaled,
+    simulated_cell,
+    with_counters,
+)
 
 SIGNS = ["charge-positive", "discharge-positive"]
+# A format that promises the sign, and names that are usual for the other one.
 NAMES = {
-    "charge-positive": ["Test Time / s", "Current / A", "Voltage / V"],
-    "discharge-positive": ["Time [s]", "Current [A]", "Terminal voltage [V]"],
+    "charge-positive": {},
+    "discharge-positive": {
+        TIME: "Time [s]",
+        CURRENT: "Current [A]",
+        VOLTAGE: "Terminal voltage [V]",
+    },
 }
 
 
 def written(folder, current_a, voltage_v, sign, *, interval_s=1.0, names=None, counters=False):
     """A file of a discharge-positive current under the given sign."""
-    time = np.arange(len(current_a)) * interval_s
-    filed = -current_a if sign == "charge-positive" else current_a
-    names = names or NAMES["charge-positive"]
-    frame = pl.DataFrame(dict(zip(names, (time, filed, voltage_v), strict=True)))
-    if counters:
-        moved = current_a * interval_s / 3600
-        frame = frame.with_columns(
-            pl.Series("Charging Capacity / Ah", np.cumsum(np.maximum(-moved, 0))),
-            pl.Series("Discharging Capacity / Ah", np.cumsum(np.maximum(moved, 0))),
-        )
+    table = logged(np.arange(len(current_a)) * interval_s, -current_a, voltage_v)
+    table = with_counters(table) if counters else table
+    table = table if sign == "charge-positive" else scaled(table, CURRENT, -1.0)
     path = folder / "cell.parquet"
-    frame.write_parquet(path)
+    table.rename(names or {}).write_parquet(path)
     return path
 
 

@@ -1,12 +1,11 @@
 """What the rows of a slow log are, told by what its load does between them."""
 
 import numpy as np
-import polars as pl
 import pytest
 
 from barnax.checks import check_file
 from barnax.records import record_from_frame, source_from_frame
-from helpers.records import CURRENT, TIME, VOLTAGE, simulated_cell
+from helpers.records import CURRENT, logged, simulated_cell
 
 EVERY = 10
 R0, PAIRS = 0.05, ((0.025, 17.0), (0.03, 150.0))
@@ -43,8 +42,7 @@ def log(seed, rows, every=EVERY, step_v=0.0):
     volts = volts + 1e-3 * rng.standard_normal(count)
     volts = step_v * np.round(volts / step_v) if step_v else volts
     amps = amps + 2e-3 * rng.standard_normal(count)
-    time_s = float(every) * np.arange(count)
-    return pl.DataFrame({TIME: time_s, CURRENT: -amps, VOLTAGE: volts})
+    return logged(float(every) * np.arange(count), -amps, volts)
 
 
 def kind_of(record):
@@ -82,7 +80,7 @@ def calm(seed, in_time):
     current_a = current_a[: np.argmax(np.cumsum(current_a) > 0.9 * 3600 * 2.5)]
     amps, volts = current_a[::EVERY], simulated_cell(current_a, **CELL)[::EVERY]
     volts = volts + 1e-3 * rng.standard_normal(len(volts))
-    return {TIME: float(EVERY) * np.arange(len(amps)), CURRENT: -amps, VOLTAGE: volts}
+    return logged(float(EVERY) * np.arange(len(amps)), -amps, volts)
 
 
 @pytest.mark.parametrize("in_time", [True, False])

@@ -10,14 +10,9 @@ from barnax import InputError, Reading, check_file
 from barnax.cell import read_ocv_test
 from barnax.inputs import source_of
 from barnax.records import read_record, record_from_frame, source_from_frame
-from helpers.records import CURRENT, TIME, VOLTAGE, pulse_frame, remarks
+from helpers.records import CURRENT, TIME, VOLTAGE, logged, pulse_frame, remarks, scaled
 
 FRAME = pulse_frame(300)
-
-
-def scaled(column, factor, name=None):
-    table = FRAME.with_columns(pl.col(column) * factor)
-    return table.rename({column: name or column})
 
 
 # A column whose values look like another unit's, and by how much they are out.
@@ -28,12 +23,12 @@ DOUBTED = {"time": (TIME, 1 / 3600, "s"), "current": (CURRENT, 1e3, "A")}
 def test_a_unit_that_is_given_is_not_doubted(quantity):
     column, factor, unit = DOUBTED[quantity]
     for given, is_doubted in (({}, True), ({quantity: f"{column}:{unit}"}, False)):
-        source = source_from_frame(scaled(column, factor), "cell", columns=given)
+        source = source_from_frame(scaled(FRAME, column, factor), "cell", columns=given)
         assert ("unit" in {e.check for e in check_file(source).findings}) == is_doubted
 
 
 def test_a_pack_of_cells_in_series_is_read_as_one_of_them(tmp_path):
-    pack, cell = scaled(VOLTAGE, 96.0), record_from_frame(FRAME)
+    pack, cell = scaled(FRAME, VOLTAGE, 96.0), record_from_frame(FRAME)
     record = record_from_frame(pack, series=96)
     np.testing.assert_allclose(record.voltage_v, cell.voltage_v)
     assert "is divided by 96" in " ".join(remarks(record))
@@ -79,7 +74,7 @@ ALL_BARE = "`columns='time=Time:UNIT,current=Current:UNIT,voltage=Voltage:UNIT'`
 )
 def test_several_units_that_are_missing_are_one_question(units):
     # Twenty amperes, so that they are no cell's where they are milliamperes.
-    large = FRAME.with_columns(pl.col(CURRENT) * 10)
+    large = scaled(FRAME, CURRENT, 10)
     table = bare(*units, large)
     with pytest.raises(InputError) as refused:
         record_from_frame(table)
@@ -110,12 +105,11 @@ def test_a_slow_sweep_in_minutes_and_milliamperes_is_no_large_cell_without_a_wor
     assert record.discharged_ah[-1] == pytest.approx(0.15 * 1199 / 60)
 
 
-SWEEP = pl.DataFrame(
-    {
-        TIME: np.arange(1000) * 72.0,
-        CURRENT: np.where(np.arange(1000) < 5, 0.0, -0.1),
-        VOLTAGE: 4.15 - 1.2 * np.arange(1000) / 1000 - 0.01 * (np.arange(1000) >= 5),
-    }
+SWEPT = np.arange(1000)
+SWEEP = logged(
+    SWEPT * 72.0,
+    np.where(SWEPT < 5, 0.0, -0.1),
+    4.15 - 1.2 * SWEPT / 1000 - 0.01 * (SWEPT >= 5),
 )
 
 
@@ -134,9 +128,8 @@ SWEEP = pl.DataFrame(
 def test_a_name_with_another_unit_than_its_values_is_detected_without_counters(
     table, factor, words
 ):
-    table = table.with_columns(pl.col(TIME) * factor)
     try:
-        said = " ".join(remarks(record_from_frame(table)))
+        said = " ".join(remarks(record_from_frame(scaled(table, TIME, factor))))
     except InputError as refused:
         said = str(refused)
     assert words in said
@@ -147,8 +140,7 @@ def test_units_that_nothing_decides_are_noted_where_they_make_an_unusual_record(
     small = remarks(record_from_frame(FRAME.rename({CURRENT: "Current [mA]"})))
     assert any("is read in mA: up to 2 mA through 49.5 ohm" in each for each in small)
     time_s = np.arange(8000) * 600.0
-    table = pl.DataFrame({TIME: time_s, CURRENT: 0 * time_s - 1e-3, VOLTAGE: 4.1 - time_s / 5e6})
-    slow = remarks(record_from_frame(table))
+    slow = remarks(record_from_frame(logged(time_s, 0 * time_s - 1e-3, 4.1 - time_s / 5e6)))
     assert any(
         "is read in s: the record lasts 1333 h, at 0.00075 C or less" in each for each in slow
     )

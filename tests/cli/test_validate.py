@@ -68,21 +68,22 @@ def test_the_table_is_one_line_and_quiet_prints_warnings_alone(run, stored):
         assert "assumed A for 'current'" in err
 
 
-def rmse_v(run, *words):
+def told(run, *words):
     outcome = run("validate", *words, "--json")
     assert outcome.status == 0, outcome.err
-    return json.loads(outcome.out)["rmse [V]"]
+    return json.loads(outcome.out)
+
+
+def rmse_v(run, *words):
+    return told(run, *words)["rmse [V]"]
 
 
 def test_options_change_the_stored_window(run, stored, drive, rewritten):
-    outcome = run("validate", stored, drive, "--score-to", "1000", "--json")
-    assert json.loads(outcome.out)["samples"] == 1001
-    outcome = run("validate", stored, drive, "--whole-record", "--score-to", "900", "--json")
-    assert json.loads(outcome.out)["samples"] == 901
+    assert told(run, stored, drive, "--score-to", "1000")["samples"] == 1001
+    assert told(run, stored, drive, "--whole-record", "--score-to", "900")["samples"] == 901
     narrow = rewritten(**{"start_time [s]": 5.0, "initial_soc": 0.5, "score_steps": [7]})
-    outcome = run("validate", narrow, BUNDLED.validation, "--whole-record", "--json")
-    assert outcome.status == 0, outcome.err
-    assert json.loads(outcome.out)["samples"] == pl.read_parquet(BUNDLED.validation).height
+    whole = told(run, narrow, BUNDLED.validation, "--whole-record")
+    assert whole["samples"] == pl.read_parquet(BUNDLED.validation).height
 
 
 def test_the_stored_last_direction_applies_unless_another_is_given(run, stored, rewritten):
@@ -104,14 +105,10 @@ def test_a_new_start_drops_the_stored_step_and_state_of_charge(run, stored, rewr
     assert given == rmse_v(run, stored, own, *start, "--initial-soc", "0.9") != from_the_voltage
 
 
-def test_what_was_said_of_one_record_is_not_another_s(run, stored, drive, tmp_path):
+def test_what_was_said_of_one_record_is_not_another_s(run, stored, drive, rewritten):
     """A start that was given for all records of a run is not that of another record either."""
-    document = json.loads(stored.read_text())
-    for part in document["inputs"]:
-        if part["window"] is not None:
-            part["window"] |= {"initial_soc": 0.5, "initial_direction": -1, "score_to [s]": 500.0}
-    (tmp_path / "own.json").write_text(json.dumps(document))
-    assert rmse_v(run, "own.json", drive) == rmse_v(run, stored, drive)
+    own = rewritten(**{"initial_soc": 0.5, "initial_direction": -1, "score_to [s]": 500.0})
+    assert rmse_v(run, own, drive) == rmse_v(run, stored, drive)
 
 
 def test_the_choice_of_a_circuit_is_shown_where_there_was_one(run, stored, tmp_path):

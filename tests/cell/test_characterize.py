@@ -151,10 +151,6 @@ def test_a_tester_that_reads_30_ma_at_rest_is_served_by_the_rest_current():
 # When a test tells the capacity, and what its SOC is scaled by
 
 
-def half_discharge():
-    return np.concatenate([REST, pulses(-1, 10, share=0.5)])
-
-
 def scaled(record, factor: float):
     return replace(record, current_a=record.current_a * factor)
 
@@ -170,7 +166,7 @@ def test_the_record_s_capacity_does_not_stretch_a_test_that_spans_both_ends(test
 
 
 def test_the_capacity_of_the_ocv_test_scales_one_that_does_not_span_both_ends():
-    test = driven(half_discharge())
+    test = driven(REST, pulses(-1, 10, share=0.5))
     cell = characterize([test], capacity_ah=1.8, ocv_capacity_ah=2.0)
     assert cell.capacity_ah == 1.8
     assert cell.soc_range == pytest.approx((0.5, 1.0))

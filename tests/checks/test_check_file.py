@@ -14,8 +14,6 @@ from barnax.bundled import BUNDLED_NAMES, bundled_file
 from barnax.records import read_record, read_source, record_from_frame, source_from_frame
 from helpers.records import CURRENT, TIME, VOLTAGE, changed, checked, counting, finding, frame
 
-from .test_findings import stamps_of_three
-
 
 @pytest.mark.parametrize("name", BUNDLED_NAMES)
 @pytest.mark.parametrize("capacity_ah", [None, 2.0])
@@ -65,11 +63,6 @@ def test_rows_of_a_testers_file_are_deleted_in_an_export():
 # Clocks that run backwards: each kind is told from the others, and seen through.
 
 
-@pytest.fixture
-def inputs():
-    return frame()
-
-
 @example(line=0, off_s=1e7, is_late=True, run=1)
 @example(line=1, off_s=1e7, is_late=True, run=1)
 @example(line=5, off_s=3237.0, is_late=False, run=1)  # About an hour, which comes back.
@@ -94,11 +87,10 @@ def test_a_slip_of_the_clock_anywhere_is_detected_and_seen_through(
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_shuffled_rows_are_sorted_and_the_rest_is_as_it_was(tmp_path, inputs, seed):
-    table = inputs.sample(fraction=1, shuffle=True, seed=seed)
-    outcome = checked(tmp_path, table)
+def test_shuffled_rows_are_sorted_and_the_rest_is_as_it_was(tmp_path, seed):
+    outcome = checked(tmp_path, frame().sample(fraction=1, shuffle=True, seed=seed))
     assert counting(outcome) == {"clock": "error"}
-    assert outcome.traits == checked(tmp_path, inputs).traits
+    assert outcome.traits == checked(tmp_path, frame()).traits
 
 
 @pytest.mark.parametrize("gap_s", [60.0, 900.0])
@@ -120,10 +112,11 @@ def test_single_doubled_stamps_are_merged_and_the_first_of_two_kept(lines):
     assert (np.diff(record.time_s) > 0).all()
 
 
-def test_one_stamp_of_three_values_is_mended_with_a_warning_that_names_it(tmp_path, inputs):
-    outcome = checked(tmp_path, stamps_of_three([100]))
+def test_one_stamp_of_three_values_is_mended_with_a_warning_that_names_it(tmp_path):
+    table = changed(frame(), CURRENT, [0.1, 0.2], [101, 102])
+    outcome = checked(tmp_path, changed(table, TIME, table[TIME][100], [101, 102]))
     assert counting(outcome) == {"repeats": "warning"}
     assert finding(outcome, "repeats").row == 103
     record = read_record(tmp_path / "cell.csv")
-    assert record.samples == inputs.height - 2
+    assert record.samples == frame().height - 2
     assert "repeats.differ" in {each.code for each in record.warnings}

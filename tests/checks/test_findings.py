@@ -140,15 +140,6 @@ def paused_under_load():
     return DRIVE.with_columns(pl.col(TIME) + 900.0 * (pl.int_range(pl.len()) > place + 3))
 
 
-def stamps_of_three(starts):
-    """The record with three different values under one stamp, in some places."""
-    table = DRIVE
-    for start in starts:
-        table = changed(table, CURRENT, [0.1, 0.2], [start + 1, start + 2])
-        table = changed(table, TIME, DRIVE[TIME][start], [start + 1, start + 2])
-    return table
-
-
 def in_order(*pieces):
     return pl.concat([DRIVE[first:last] for first, last in pieces])
 

@@ -171,10 +171,6 @@ def stop(monkeypatch, name, cause, nth=0):
 FULL = OSError(28, "No space left on device")
 
 
-def stopped_by(cause):
-    return pytest.raises(InputError if isinstance(cause, OSError) else KeyboardInterrupt)
-
-
 @pytest.mark.parametrize(
     ("name", "cause"),
     [
@@ -208,7 +204,7 @@ def test_a_stop_while_a_file_is_written_leaves_the_old_one(tmp_path, monkeypatch
     path = tmp_path / "cell.h"
     path.write_text("old")
     stop(monkeypatch, step, cause)
-    with stopped_by(cause):
+    with pytest.raises(InputError if isinstance(cause, OSError) else KeyboardInterrupt):
         write_file(path, b"new")
     assert path.read_text() == "old"
     assert list(contents(tmp_path)) == ["cell.h"]

@@ -8,7 +8,7 @@ from barnax.records import record_from_frame, source_from_frame
 from helpers.records import CURRENT, logged, simulated_cell
 
 EVERY = 10
-R0, PAIRS = 0.05, ((0.025, 17.0), (0.03, 150.0))
+CELL = {"r0": 0.05, "capacity_ah": 2.5, "soc": 1.0, "pairs": ((0.025, 17.0), (0.03, 150.0))}
 
 
 def drive(seed):
@@ -28,9 +28,6 @@ def drive(seed):
     return np.concatenate(pieces)
 
 
-CELL = {"r0": R0, "capacity_ah": 2.5, "soc": 1.0, "pairs": PAIRS}
-
-
 def log(seed, rows, every=EVERY, step_v=0.0):
     """What a logger writes of it: instants or means, with noise and steps of the reading."""
     current_a = drive(seed)
@@ -45,15 +42,11 @@ def log(seed, rows, every=EVERY, step_v=0.0):
     return logged(float(every) * np.arange(count), -amps, volts)
 
 
-def kind_of(record):
-    """What the rows of a record are taken for."""
-    return record.evidence.slow.kind
-
-
 @pytest.mark.parametrize("step_v", [pytest.param(0.0, marks=pytest.mark.slow), 0.005])
 @pytest.mark.parametrize("rows", ["instants", "means"])
 def test_rows_of_instants_and_means_are_distinguished(rows, step_v):
-    told = [kind_of(record_from_frame(log(seed, rows, step_v=step_v))) for seed in range(20)]
+    records = [record_from_frame(log(seed, rows, step_v=step_v)) for seed in range(20)]
+    told = [record.evidence.slow.kind for record in records]
     assert told.count(rows) >= 19
     assert "means" not in told if rows == "instants" else "instants" not in told
 

@@ -66,28 +66,21 @@ def bare(time_unit_s, current_a, voltage_v, frame=FRAME):
     return frame.select((pl.col(own) / unit).alias(new) for own, (new, unit) in named.items())
 
 
+UNITS = {"s": 1, "min": 60, "h": 3600, "A": 1, "mA": 1e-3, "V": 1, "mV": 1e-3}
 ALL_BARE = "`columns='time=Time:UNIT,current=Current:UNIT,voltage=Voltage:UNIT'`"
 
 
-@pytest.mark.parametrize(
-    "units", [(60, 1e-3, 1), (3600, 1e-3, 1), (1, 1e-3, 1e-3), (60, 1, 1e-3), (60, 1e-3, 1e-3)]
-)
-def test_several_units_that_are_missing_are_one_question(units):
+@pytest.mark.parametrize("given", ["min mA V", "h mA V", "s mA mV", "min A mV", "min mA mV"])
+def test_several_units_that_are_missing_are_one_question(given):
     # Twenty amperes, so that they are no cell's where they are milliamperes.
     large = scaled(FRAME, CURRENT, 10)
-    table = bare(*units, large)
+    table = bare(*map(UNITS.get, given.split()), large)
     with pytest.raises(InputError) as refused:
         record_from_frame(table)
     assert ALL_BARE in str(refused.value)
-    symbols = {60: "min", 3600: "h"}, {1e-3: "mA"}, {1e-3: "mV"}
-    bases = ("s", "A", "V")
-    given = {
-        quantity: f"{name}:{known.get(unit, base)}"
-        for quantity, name, unit, known, base in zip(
-            ("time", "current", "voltage"), table.columns, units, symbols, bases, strict=True
-        )
-    }
-    record, true = record_from_frame(table, columns=given), record_from_frame(large)
+    named = zip(table.columns, given.split(), strict=True)
+    columns = {name.lower(): f"{name}:{unit}" for name, unit in named}
+    record, true = record_from_frame(table, columns=columns), record_from_frame(large)
     for name in ("time_s", "current_a", "voltage_v"):
         np.testing.assert_allclose(getattr(record, name), getattr(true, name), atol=1e-9)
 

@@ -150,17 +150,10 @@ LIVE = replace(PICTURE, live=lambda: (DATA, "a moving one"))
 LARGEST_REPORT = 6_000_000
 
 
-@pytest.fixture(scope="module")
-def page():
-    return to_html(Page("t", "s", (Section("one", (LIVE,)),)))
-
-
-def scripts_of(page):
-    return re.findall(r"<script( [^>]*)?>(.*?)</script>", page, re.DOTALL)
-
-
-def test_the_policy_allows_the_page_s_one_script_by_its_hash_and_no_other(page):
-    (script,) = [text for kind, text in scripts_of(page) if not kind]
+def test_the_policy_allows_the_page_s_one_script_by_its_hash_and_no_other():
+    page = to_html(Page("t", "s", (Section("one", (LIVE,)),)))
+    scripts = re.findall(r"<script( [^>]*)?>(.*?)</script>", page, re.DOTALL)
+    (script,) = [text for kind, text in scripts if not kind]
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     policy = next(
         attributes["content"]
@@ -173,30 +166,18 @@ def test_the_policy_allows_the_page_s_one_script_by_its_hash_and_no_other(page):
     )
 
 
-@pytest.fixture(scope="module")
-def report(tmp_path_factory):
-    """The bundled cell's report with every kind of figure, as a file."""
+@pytest.mark.slow
+@pytest.mark.skipif(BROWSER is None, reason="there is no Chromium here")
+def test_in_a_browser_every_interactive_figure_is_drawn_and_the_console_is_empty(tmp_path):
     result = barnax.identify(over="soc", seeds=4, iterations=60)
     document = identification_document(result, identification_illustrations(result, live=True))
-    path = tmp_path_factory.mktemp("report") / "report.html"
-    path.write_text(to_html(document), encoding="utf-8")
-    return path
-
-
-def browse(*options):
-    """What a headless browser prints and says on its console."""
-    if BROWSER is None:
-        pytest.skip("there is no Chromium here")
+    report = tmp_path / "report.html"
+    report.write_text(to_html(document), encoding="utf-8")
     command = [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr"]
-    done = subprocess.run([*command, *options], capture_output=True, timeout=120, check=True)
-    said = [line for line in done.stderr.decode().splitlines() if "CONSOLE" in line]
-    return done.stdout.decode(), said
-
-
-@pytest.mark.slow
-def test_in_a_browser_every_interactive_figure_is_drawn_and_the_console_is_empty(report):
-    page, said = browse("--virtual-time-budget=5000", "--dump-dom", report.as_uri())
-    assert said == []
+    command += ["--virtual-time-budget=5000", "--dump-dom", report.as_uri()]
+    done = subprocess.run(command, capture_output=True, timeout=120, check=True)
+    assert b"CONSOLE" not in done.stderr
+    page = done.stdout.decode()
     figures = re.findall(r'<figure class="([^"]*)"', page)
     assert len(figures) == 2
     assert all(set(each.split()) == {"has-live", "scripted", "live"} for each in figures)

@@ -26,6 +26,7 @@ from helpers.records import (
 )
 
 CLEAN = {}
+FACTS = "samples", "charged [A.h]", "discharged [A.h]", "median interval [s]", "voltage [V]"
 
 
 def test_the_units_of_a_testers_format_are_not_in_doubt():
@@ -40,13 +41,7 @@ def assert_seen_through(folder, name, outcome):
     if name not in CLEAN:
         CLEAN[name] = checked(folder, frame(name)).traits
     mine, clean = outcome.traits.facts, CLEAN[name].facts
-    for fact in (
-        "samples",
-        "charged [A.h]",
-        "discharged [A.h]",
-        "median interval [s]",
-        "voltage [V]",
-    ):
+    for fact in FACTS:
         assert mine[fact] == pytest.approx(clean[fact], rel=1e-6)
 
 
@@ -82,16 +77,12 @@ FAULTS = {
 # their name by counters, or beside a capacity where much of it moves.
 ONCE = {"a module", "no milliamperes"}
 # Every second record has a tester's counters.
+# With counters and without; other records are slow tests.
 CASES = [
-    (name, fault, bool(place % 2))
+    pytest.param(name, fault, bool(place % 2), marks=[pytest.mark.slow] if place > 1 else [])
     for fault in FAULTS
     for place, name in enumerate(BUNDLED_NAMES)
     if fault not in ONCE
-]
-# With counters and without; other records are slow tests.
-CASES = [
-    pytest.param(*case, marks=[] if case[0] in BUNDLED_NAMES[:2] else [pytest.mark.slow])
-    for case in CASES
 ]
 CASES += [("identification", fault, counters) for fault in sorted(ONCE) for counters in (0, 1)]
 

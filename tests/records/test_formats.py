@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 from benchmarks.formats import missing_package, outcome_of, truths
 
-from barnax import InputError, read_record
+from barnax import InputError
+from helpers.records import read
 
 FOLDER = Path(os.environ.get("BARNAX_SHARED_DATA", "nowhere"), "formats")
 FILES = truths(FOLDER)
@@ -69,7 +70,5 @@ def test_at_least_fifty_of_the_records_are_read():
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.99])
 def test_a_neware_file_that_is_cut_short_is_refused(tmp_path, name, share):
     content = (FOLDER / "neware" / name).read_bytes()
-    path = tmp_path / "cell.nda"
-    path.write_bytes(content[: int(share * len(content))])
     with pytest.raises(InputError, match=r"is cut short: it has [\d,]+ bytes of"):
-        read_record(path)
+        read(tmp_path, content[: int(share * len(content))], "cell.nda")

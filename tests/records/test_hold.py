@@ -6,9 +6,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from barnax.records import read_record
 from helpers.dialects import WRITERS, pulse_table
-from helpers.records import arbin_rows, pulse_frame, pulses_a, read, simulated_cell
+from helpers.records import arbin_rows, parquet, pulse_frame, pulses_a, read, simulated_cell
 
 
 def counted(hold, *, seed=0, dtype=pl.Float64, digits=None, resets=False, net=False, sign=1.0):
@@ -38,8 +37,7 @@ def counted(hold, *, seed=0, dtype=pl.Float64, digits=None, resets=False, net=Fa
 
 
 def decided(folder, frame, **options):
-    frame.write_parquet(folder / "cell.parquet")
-    return read_record(folder / "cell.parquet", **options).hold
+    return read(folder, parquet(frame), "cell.parquet", **options).hold
 
 
 @given(

@@ -5,6 +5,7 @@ import polars as pl
 import pytest
 
 from barnax.records import read_record
+from helpers.records import parquet, read
 
 CALCE, PLETT, LEAF = "calce-inr18650-20r", "plett-a123-26650", "nissan-leaf-lmo-33ah"
 # Ampere-hours in and out by the README's integration, where every sample ends its interval.
@@ -72,9 +73,7 @@ def test_an_original_file_gives_the_record_made_from_it(real_data, raw):
 @pytest.mark.parametrize("sweep", ["ocv-s1", "ocv-s3"])
 def test_a_piece_of_a_slow_sweep_is_never_strongly_wrong(real_data, tmp_path, sweep, start):
     piece = pl.read_parquet(real_data / f"{PLETT}/{sweep}_25degC.parquet")[start : start + 600, :3]
-    piece.write_csv(tmp_path / "piece.csv")
-    sign = read_record(tmp_path / "piece.csv").sign
-    assert sign.value == "charge-positive"
+    assert read(tmp_path, piece).sign.value == "charge-positive"
 
 
 @pytest.mark.slow
@@ -84,6 +83,5 @@ def test_a_piece_of_a_drive_cycle_never_proves_an_arbin_record_forward(
 ):
     whole = pl.read_parquet(real_data / f"{CALCE}/us06_25degC_50soc_SP20-2.parquet")
     for start in range(1400, 8000, 200):
-        whole[start : start + samples].write_parquet(tmp_path / "piece.parquet")
-        hold = read_record(tmp_path / "piece.parquet").hold
+        hold = read(tmp_path, parquet(whole[start : start + samples]), "piece.parquet").hold
         assert (hold.value, hold.strength) != ("forward", "strong")

@@ -134,9 +134,9 @@ def test_a_wrong_column_or_unit_is_named(tmp_path, columns, says):
 
 
 def test_all_columns_that_are_missing_are_said_at_once(tmp_path):
-    (tmp_path / "odd.csv").write_text("a,I2,U3\n" + "0,1,3.7\n" * 30)
+    text = "a,I2,U3\n" + "0,1,3.7\n" * 30
     with pytest.raises(InputError) as caught:
-        read_record(tmp_path / "odd.csv", columns="current=Strom:A,voltage=Volt:V")
+        read(tmp_path, text, columns="current=Strom:A,voltage=Volt:V")
     lines = str(caught.value).splitlines()
     wanted = ("called 'Strom:A'", "called 'Volt:V'", "no column for time, current, voltage")
     assert [word in line for word, line in zip(wanted, lines, strict=True)] == [True] * 3

@@ -5,6 +5,7 @@ import polars as pl
 import pytest
 
 from barnax import bundled_file, characterize, check_file, read_record
+from helpers.records import checked, parquet, read
 
 PULSES = bundled_file("hppc_25degC")
 COUNTER = "Net Capacity / Ah"
@@ -58,9 +59,7 @@ def test_skipped_loads_are_reported_and_the_file_serves_as_what_it_is(skipping):
 
 
 def test_without_counters_it_is_no_ocv_test_and_nothing_is_put_to_the_clock(skipping, tmp_path):
-    path = tmp_path / "pulses.parquet"
-    pl.read_parquet(skipping).drop(COUNTER).write_parquet(path)
-    outcome = check_file(path)
+    outcome = checked(tmp_path, pl.read_parquet(skipping).drop(COUNTER), name="pulses.parquet")
     (gaps,) = (each for each in outcome.findings if each.check == "gaps")
     assert "what passed meanwhile was not logged" in gaps.what
     assert not [each for each in outcome.findings if each.code == "unit.reading"]
@@ -71,9 +70,7 @@ def test_a_whole_record_has_nothing_skipped_however_coarse_or_late_its_counter(w
     charge_ah = -whole.discharged_ah
     late = charge_ah[np.arange(len(charge_ah)) // 30 * 30]
     for counter_ah in (charge_ah, np.round(charge_ah, 2), late):
-        path = tmp_path / "whole.parquet"
         table = pl.read_parquet(PULSES).with_columns(pl.Series(COUNTER, counter_ah))
-        table.write_parquet(path)
-        record = read_record(path)
+        record = read(tmp_path, parquet(table), "whole.parquet")
         assert record.skipped_ah is None
         np.testing.assert_array_equal(record.discharged_ah, whole.discharged_ah)

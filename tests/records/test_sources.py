@@ -7,7 +7,7 @@ import pytest
 from barnax import InputError
 from barnax.records import read_record, record_from_frame, source_from_frame
 from barnax.records.readers import READERS
-from helpers.records import TIME, VOLTAGE, good_files, pulse_frame
+from helpers.records import TIME, VOLTAGE, good_files, pulse_frame, read, refusal
 from helpers.reference import make_record
 
 FRAME = pulse_frame().with_columns(pl.Series("Step Index / 1", np.arange(200) // 50))
@@ -15,8 +15,7 @@ FRAME = pulse_frame().with_columns(pl.Series("Step Index / 1", np.arange(200) //
 
 @pytest.fixture
 def record(tmp_path):
-    FRAME.write_csv(tmp_path / "cell.csv")
-    return read_record(tmp_path / "cell.csv")
+    return read(tmp_path, FRAME)
 
 
 def pandas_frame(table):
@@ -70,14 +69,10 @@ def test_what_is_no_data_frame_is_refused(frame):
 
 @pytest.mark.parametrize("name", ["us06\x1b[2J\x1b[31m.csv", "line\nbreak.csv", "\u202egnp.csv"])
 def test_a_name_cannot_command_a_terminal(tmp_path, name):
-    FRAME.write_csv(tmp_path / name)
-    shown = read_record(tmp_path / name).name
+    shown = read(tmp_path, FRAME, name).name
     assert "\ufffd" in shown
     assert shown.replace("\ufffd", "").isprintable()
-    (tmp_path / name).write_text("nothing")
-    with pytest.raises(InputError) as caught:
-        read_record(tmp_path / name)
-    assert str(caught.value).isprintable()
+    assert refusal(tmp_path, "nothing", name).isprintable()
 
 
 @pytest.mark.parametrize("name", good_files())

@@ -19,6 +19,7 @@ from helpers.records import (
     VOLTAGE,
     arbin_rows,
     changed,
+    checked,
     parquet,
     pulse_frame,
     pulses_a,
@@ -432,8 +433,7 @@ def test_a_spectrum_among_samples_is_left_out_whatever_the_decimal_mark(tmp_path
 
 def test_a_state_that_says_no_charge_is_reported(tmp_path):
     letters = STATE.with_columns(pl.col("Zustand").str.head(1).replace({"R": "P"}))
-    letters.write_csv(tmp_path / "cell.csv")
-    findings = check_file(tmp_path / "cell.csv", columns="state=Zustand").findings
+    findings = checked(tmp_path, letters, columns="state=Zustand").findings
     assert {"cells.state-words", "sign.none"} <= {finding.code for finding in findings}
 
 

@@ -75,9 +75,8 @@ def test_several_units_that_are_missing_are_one_question(given):
     # Twenty amperes, so that they are no cell's where they are milliamperes.
     large = scaled(FRAME, CURRENT, 10)
     table = bare(*map(UNITS.get, given.split()), large)
-    with pytest.raises(InputError) as refused:
+    with pytest.raises(InputError, match=re.escape(ALL_BARE)):
         record_from_frame(table)
-    assert ALL_BARE in str(refused.value)
     named = zip(table.columns, given.split(), strict=True)
     columns = {name.lower(): f"{name}:{unit}" for name, unit in named}
     record, true = record_from_frame(table, columns=columns), record_from_frame(large)

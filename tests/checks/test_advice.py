@@ -12,7 +12,7 @@ from barnax.cli.options import windows_of
 from barnax.inputs import InputFile, read_inputs, require_voltages, warnings_about
 from barnax.records import source_from_frame
 from checks.test_findings import CAPACITY_AH, FAULTS
-from helpers.records import CURRENT, changed, frame, with_counters
+from helpers.records import CURRENT, TIME, VOLTAGE, frame, scaled, with_counters
 
 OPTION = re.compile(r"`([a-z_]+)=([^`]+)`")
 HOW_READ = {"current_sign": str, "current_hold": str, "columns": str, "voltage_lag": float}
@@ -20,9 +20,7 @@ MORE = {
     "counters that prove the other hold": with_counters(frame()).with_columns(
         pl.col("Charging Capacity / Ah", "Discharging Capacity / Ah").shift(-1, fill_value=0.0)
     ),
-    "an offset that hides the rests": changed(
-        frame("ocv_discharge"), CURRENT, frame("ocv_discharge")[CURRENT].to_numpy() - 0.03
-    ),
+    "an offset that hides the rests": frame("ocv_discharge").with_columns(pl.col(CURRENT) - 0.03),
     "a record within a test": frame()[4000:],
 }
 # What leads to a gap or a break is told with options whose values are the user's.
@@ -77,26 +75,25 @@ def test_what_lies_outside_the_window_is_reported_no_more(bundled_cell):
 
 
 DRIVE = frame()
-TIME_S, CURRENT_A, VOLTAGE_V = (DRIVE[name].to_numpy() for name in DRIVE.columns[:3])
 # What a record is damaged by, what is said of it, and the option that mends it, if one does.
 DAMAGED = {
     "counters prove that the current is half": (
-        changed(with_counters(DRIVE), CURRENT, CURRENT_A / 2),
+        scaled(with_counters(DRIVE), CURRENT, 0.5),
         "the current is 0.5 times what the tester counted, throughout",
         "",
     ),
     "its time is in minutes": (
-        changed(DRIVE, "Test Time / s", TIME_S / 60),
+        scaled(DRIVE, TIME, 1 / 60),
         "'Test Time / s' looks like minutes",
         "`columns='time=Test Time / s:min'`",
     ),
     "two voltages differ by a lead": (
-        DRIVE.with_columns(pl.Series("Voltage 2 [V]", VOLTAGE_V + 0.02 * CURRENT_A)),
+        DRIVE.with_columns((pl.col(VOLTAGE) + 0.02 * pl.col(CURRENT)).alias("Voltage 2 [V]")),
         "differ by 20 mohm times the current",
         "`columns='voltage=Voltage 2 [V]'`",
     ),
     "a capacity that it does not have": (
-        changed(DRIVE, CURRENT, CURRENT_A * 0.75),
+        scaled(DRIVE, CURRENT, 0.75),
         "as if the cell held 1.5",
         "`capacity`",
     ),
@@ -122,7 +119,7 @@ def test_what_check_reports_is_said_of_every_record_with_what_mends_it(name, rol
 
 
 def test_an_error_that_a_damaged_record_leads_to_stands_before_its_findings(bundled_cell):
-    table = changed(frame("validation"), CURRENT, 2 * frame("validation")[CURRENT].to_numpy())
+    table = scaled(frame("validation"), CURRENT, 2)
     with pytest.raises(InputError) as problem:
         barnax.identify(source_from_frame(table, "cell"), cell=bundled_cell, seeds=0)
     first, *others = str(problem.value).splitlines()

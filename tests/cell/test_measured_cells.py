@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 
 from barnax import characterize, read_record
+from barnax.bundled import BUNDLED
 
 INCREMENTAL = "calce-inr18650-20r/ocv-incremental_25degC_SP20-3.parquet"
-
-
-VIRTUAL_CELL = Path(__file__).parents[2] / "data" / "virtual_cell"
 TENTHS = np.arange(1, 10) / 10
 
 
@@ -43,8 +41,7 @@ def test_the_lfp_cell_has_the_published_gap_at_c_30(real_data: Path):
 
 def test_the_virtual_cell_has_the_gap_that_was_put_into_its_graphite():
     # 12 mV between lithiation and delithiation at every stoichiometry of the graphite.
-    records = [read_record(VIRTUAL_CELL / f"ocv_{way}.parquet") for way in ("charge", "discharge")]
-    cell = characterize(records, ocv_fit="interpolated")
+    cell = characterize([read_record(path) for path in BUNDLED.ocv], ocv_fit="interpolated")
     assert cell.capacity_ah == pytest.approx(2.0, abs=0.01)
     assert cell.hysteresis.parameters["P"] == pytest.approx(0.012, abs=0.002)
     assert cell.soc_range == pytest.approx((0.0, 1.0), abs=1e-3)

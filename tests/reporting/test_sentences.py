@@ -1,13 +1,14 @@
 """Every kind of sentence, from numbers made for it, against one golden file."""
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 from barnax import CircuitParameters, Notice
 from barnax.fit.cross_validation import SocErrors
 from barnax.fleet import Progress
+from barnax.global_optimum.search import GlobalOptimum
 from barnax.reporting.first_screen import next_step
 from barnax.reporting.wording import sentences, wording
 from barnax.search.answers import Optimum
@@ -22,24 +23,13 @@ CIRCUIT = CircuitParameters.constant(0.05, (0.02, 0.03), (4.1 / 0.02, 150 / 0.03
 OPTIONS = {"bounds", "capacity", "initial_soc", "model", "retry", "score_soc"}
 
 
-@dataclass(frozen=True)
-class Found:
-    """A global optimum as a stored one has it."""
-
-    parameters: CircuitParameters = CIRCUIT
-    rmse_v: float = 0.025
-    status: str = "certified"
-    proved_gap: float = 4.41e-6
-    boxes: int | None = 812
-    local_optima: tuple[Optimum, ...] = ()
-
-
 def optima() -> list[str]:
-    other = Optimum(0.02515, CIRCUIT, 3, is_family=False)
-    tried = replace(Found(), status="grid-verified", proved_gap=0.0312, boxes=50_000)
-    proved = (Found(), replace(Found(), proved_gap=0.0), tried, replace(tried, boxes=None))
+    best, other = (Optimum(rmse_v, CIRCUIT, 3, is_family=False) for rmse_v in (0.025, 0.02515))
+    found = GlobalOptimum((best,), (), "certified", lower_bound_v=0.025 * (1 - 4.41e-6), boxes=812)
+    tried = replace(found, status="grid-verified", lower_bound_v=0.0242, boxes=50_000)
+    proved = (found, replace(found, lower_bound_v=0.025), tried, replace(tried, boxes=None))
     far = (replace(other, rmse_v=0.03), replace(other, rmse_v=0.035))
-    local = (Found(), *(replace(Found(), local_optima=each) for each in ((other,), far)))
+    local = (found, *(replace(found, optima=(best, *each)) for each in ((other,), far)))
     return [
         *(wording("circuit.optimum", each) for each in proved),
         *(wording("circuit.local_optima", each) for each in local),

@@ -71,37 +71,36 @@ def test_a_page_is_well_formed_and_needs_nothing_but_itself():
     assert scopes == ["col", "col", "row", "row"]
 
 
+def read(document):
+    """Both forms of a document, as they are read."""
+    return ReportReader(to_html(document)), ReportReader(rendered(to_markdown(document)))
+
+
+def tags_of(text):
+    """The tags of both forms of a document of this text."""
+    return [[tag for tag, _ in each.tags] for each in read(make_document(text))]
+
+
 @pytest.mark.parametrize("examples", EXAMPLES)
 def test_a_report_of_any_name_has_the_same_parts(examples):
-    plain = make_document("plain")
-    page, text = ReportReader(to_html(plain)), ReportReader(rendered(to_markdown(plain)))
-
     def survive(name):
-        document = make_document(f"a{name}")
-        actual = ReportReader(to_html(document)), ReportReader(rendered(to_markdown(document)))
-        assert [[tag for tag, _ in each.tags] for each in actual] == [
-            [tag for tag, _ in each.tags] for each in (page, text)
-        ]
+        assert tags_of(f"a{name}") == tags_of("plain")
 
     repeated(examples, survive, names())
 
 
 @pytest.mark.parametrize("name", HOSTILE, ids=range(len(HOSTILE)))
 def test_a_hostile_name_is_shown_and_does_nothing(name):
-    plain, hostile = (ReportReader(to_html(make_document(text))) for text in ("plain", name))
-    assert [tag for tag, _ in hostile.tags] == [tag for tag, _ in plain.tags]
-    assert all(not key.startswith("on") for _, attributes in hostile.tags for key in attributes)
+    assert tags_of(name) == tags_of("plain")
+    page, markdown = read(make_document(name))
+    assert all(not key.startswith("on") for _, attributes in page.tags for key in attributes)
     seen = re.sub(r"[\x00\r\x1b\u202e\udcff]", "\N{REPLACEMENT CHARACTER}", name)
-    assert "".join(seen.split()) in "".join(hostile.text.split())
+    assert "".join(seen.split()) in "".join(page.text.split())
     for form in (to_html, to_markdown):
         text = form(make_document(name))
         text.encode("utf-8")
         assert all(letter in "\n\t" or letter.isprintable() for letter in text)
-    plain, hostile = (
-        ReportReader(rendered(to_markdown(make_document(text)))) for text in ("plain", name)
-    )
-    assert [tag for tag, _ in hostile.tags] == [tag for tag, _ in plain.tags]
-    assert set(hostile.references) == {"figures/figure.png"}
+    assert set(markdown.references) == {"figures/figure.png"}
 
 
 @given(st.text(LETTERS, min_size=1))
@@ -116,7 +115,7 @@ def test_escaped_text_is_one_line_that_renders_as_itself(text):
 
 def test_both_forms_say_the_same():
     document = make_document("On a.csv it errs by 1.5 mV.")
-    page, markdown = ReportReader(to_html(document)), ReportReader(rendered(to_markdown(document)))
+    page, markdown = read(document)
 
     def words(text):
         return [word for word in re.split(r"[\s\[\]]+", text) if word]

@@ -195,6 +195,7 @@ def test_dates_in_days_are_recognized(tmp_path):
 @pytest.mark.parametrize("writer", WRITERS)
 @pytest.mark.parametrize("share", [pytest.param(0.3, marks=pytest.mark.slow), 0.9])
 def test_a_damaged_file_is_refused(tmp_path, writer, share, monkeypatch):
+    # With the trial that `untried` leaves out.
     monkeypatch.undo()
     content = WRITERS[writer]({"meas": KOLLMEYER})
     assert "damaged or cut short" in refusal(tmp_path, content[: int(share * len(content))])

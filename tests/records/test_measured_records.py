@@ -9,6 +9,7 @@ from helpers.records import parquet, read
 
 CALCE, PLETT, LEAF = "calce-inr18650-20r", "plett-a123-26650", "nissan-leaf-lmo-33ah"
 # Ampere-hours in and out by the README's integration, where every sample ends its interval.
+# checks/measured.txt has the files in this order.
 FILES = {
     f"{CALCE}/dst_25degC_80soc_SP20-2.parquet": (12561, 0.6845, 2.2622),
     f"{CALCE}/dst_25degC_50soc_SP20-2.parquet": (9501, 2.1444, 2.1688),

@@ -197,8 +197,7 @@ class _Groups:
         # Built from the groups of the factor, each of which adds to few of these: one sparse
         # product per group.
         finest = parts[0].layout
-        unit = Reduced(finest, 1, np.eye(finest.width))
-        unit = unit.coarser(layout.nodes, layout.has_correction)
+        unit = Reduced(finest, 1, np.eye(finest.width)).coarser(layout)
         columns, base = replace(objective, reduced=unit).columns(best.log_scales)
         few = csr_array(np.column_stack([columns, base]).T)
         rows = [(few @ part.factor.T).T / math.sqrt(max(part.scored, 1)) for part in parts]

@@ -129,7 +129,7 @@ def fit_pack(
     held = {
         name: (constants[name], constants[name]) for name in search_ranges([prepared], settings)
     }
-    pack = reduced_objective([prepared], settings, held, voltage_offsets_v=sides_v)
+    pack = reduced_objective([prepared], settings, held, voltage_offsets_v=[sides_v])
     count, log_scales = 1 + len(names), tuple(math.log(low) for low, _ in held.values())
     parts = [replace(pack, reduced=pack.reduced.of_voltage(number)) for number in range(count)]
     optima = [one.solve(log_scales, exact=True) for one in parts]
@@ -155,7 +155,7 @@ def fit_pack(
     variance = np.einsum("ij,jk,ik->i", by_noise, fit.noises[0].spread_v2, by_noise)
     loaded_soc, directions = _directions(pack, optima[0], prepared, variance)
     if has_separate_taus:
-        wide = reduced_objective([prepared], settings, voltage_offsets_v=sides_v)
+        wide = reduced_objective([prepared], settings, voltage_offsets_v=[sides_v])
         for number in range(count):
             alone = replace(wide, reduced=combine_factors([wide.reduced.of_voltage(number)]))
             start = alone.solve(optima[number].log_scales, optima[number].active_set)

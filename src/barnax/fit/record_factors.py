@@ -151,7 +151,7 @@ class RecordFactors:
         """A copy for a circuit with one value of each resistance at every SOC, and a fitted OCV if
         it has one."""
         grid = replace(self.grid, nodes=ANYWHERE)
-        parts = tuple(part.coarser(has_ocv=grid.layout.has_correction) for part in self.parts)
+        parts = tuple(part.coarser(grid.layout) for part in self.parts)
         return replace(self, grid=grid, visited=np.array([True]), parts=parts)
 
     def counted_from(self, ocv: NodeOcv) -> "RecordFactors":
@@ -192,10 +192,11 @@ def factors_of_cells(
         (simulated,) = with_flat_ocv([simulated], prepared)
     record = prepared.record.name
     named = [f"{record} {name}" for name in names] or [record]
-    layout = replace(grid.layout, voltages=len(named))
+    layout = replace(grid.layout, voltages=tuple(range(len(named))))
     nodes, ocv_nodes = np.array(layout.nodes), np.array(layout.ocv_nodes)
     band = np.where(simulated.scored, is_above(simulated.soc), -1)
-    below, above = reduce_records([simulated], layout, [band], 2, voltage_offsets_v)
+    offsets_v = None if voltage_offsets_v is None else [voltage_offsets_v]
+    below, above = reduce_records([simulated], layout, [band], 2, offsets_v)
     has_slopes = layout.has_correction
     slopes_v = simulated.cell.least_ocv_slopes(ocv_nodes) if has_slopes else np.empty(0)
     facts = {name: getattr(simulated, name) for name in FACTS}

@@ -38,19 +38,20 @@ def reduced_objective(
     prepared_records: Sequence[PreparedRecord],
     settings: TableSettings,
     ranges: Mapping[str, Range] | None = None,
-    voltage_offsets_v: Float[np.ndarray, "simulated voltages"] | None = None,
+    voltage_offsets_v: Sequence[Float[np.ndarray, "simulated voltages"]] | None = None,
 ) -> TableObjective:
     """The objective over all records, in the given ranges or their own. With `voltage_offsets_v`,
-    as in `reduce_records`, its factor has a base error for each voltage of one record."""
+    as in `reduce_records`, its factor has a base error for each of the voltages."""
     ranges = ranges or search_ranges(prepared_records, settings)
     layout = _layout(prepared_records, settings, ranges)
     if voltage_offsets_v is not None:
-        layout = replace(layout, voltages=voltage_offsets_v.shape[1])
+        layout = replace(layout, voltages=tuple(range(voltage_offsets_v[0].shape[1])))
     parts = reduce_records(
         prepared_records, layout, *blocks_of(prepared_records, settings), voltage_offsets_v
     )
     # A shortened part is no longer triangular, as taking one of its voltages requires.
-    whole = combine_factors(parts) if voltage_offsets_v is None else parts[0]
+    is_kept = len(layout.voltages) > 1 and len(parts) == 1
+    whole = parts[0] if is_kept else combine_factors(parts)
     # A group visits few nodes: most rows of its triangle are empty. Each is released at once.
     for index, part in enumerate(parts):
         parts[index] = replace(part, factor=part.factor[part.factor.any(axis=1)])
@@ -88,8 +89,9 @@ def coarsened(
 ) -> TableObjective:
     """The objective of a circuit with fewer nodes or pairs, or no correction of the OCV, from the
     factors of a finer one on the same records, whose parts it shares."""
-    ranges = search_ranges(prepared_records, settings)
-    reduced = finest.reduced.coarser(settings.nodes, settings.ocv_correction)
+    layout, ranges = finest.reduced.layout, search_ranges(prepared_records, settings)
+    layout = replace(layout, nodes=settings.nodes, has_correction=settings.ocv_correction)
+    reduced = finest.reduced.coarser(layout)
     return TableObjective(list(prepared_records), settings, ranges, reduced, finest.parts)
 
 

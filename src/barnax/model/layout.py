@@ -41,7 +41,8 @@ def ends_of(records: Sequence[PreparedRecord], taus_s: Range, gammas: Range | No
 class Layout:
     """The columns of a factor. `amplitude` gives the columns of a dynamic hysteresis: none, those
     of the measured gap, or those of a table. The OCV correction is at `ocv_nodes`, all other tables
-    at `nodes`. Several voltages under one current are as many `voltages`."""
+    at `nodes`. A base error for each of several voltages is a column; `voltages` are their
+    numbers."""
 
     nodes: tuple[float, ...]
     ocv_nodes: tuple[float, ...]
@@ -49,7 +50,7 @@ class Layout:
     in_rate: Span | None
     has_correction: bool
     has_amplitude: bool
-    voltages: int = 1
+    voltages: tuple[int, ...] = (0,)
 
     @cached_property
     def columns(self) -> dict[str, Int[np.ndarray, "count width"]]:
@@ -74,7 +75,7 @@ class Layout:
             "initial_hysteresis": (int(self.has_amplitude), nodes),
             "current": (1, nodes),
             "correction": (int(self.has_correction), len(self.ocv_nodes)),
-            "base": (self.voltages, 1),
+            "base": (len(self.voltages), 1),
         }
 
 

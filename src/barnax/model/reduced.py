@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..cell.parameters import ANYWHERE
 from ..cell.tables import hats
 from ..execution import as_input, compile_for, in_float64, threads
 from .exponentials import Span
@@ -71,25 +70,28 @@ class Reduced:
         above, below = np.split(self.factor[:, columns], [indices[0]])
         last = np.zeros((1, len(columns)))
         last[0, -1] = np.linalg.norm(below[:, -1])
-        layout = replace(self.layout, voltages=1)
-        return Reduced(layout, self.scored, np.concatenate([above, last]))
+        return Reduced(
+            replace(self.layout, voltages=(0,)), self.scored, np.concatenate([above, last])
+        )
 
-    def coarser(self, nodes: Sequence[float] = ANYWHERE, has_ocv: bool = False) -> "Reduced":
-        """The factor of a circuit whose resistances have a subset of these nodes, or one value at
-        every SOC: coarser hats are sums of finer ones. The OCV keeps its table, or has none."""
-        layout = replace(self.layout, nodes=tuple(nodes), has_correction=has_ocv)
-        if (layout.nodes, has_ocv) == (self.layout.nodes, self.layout.has_correction):
+    def coarser(self, layout: Layout) -> "Reduced":
+        """The factor of a circuit with a part of these columns: resistances at a subset of the
+        nodes, or with one value at every SOC, for coarser hats are sums of finer ones; with or
+        without the dynamic hysteresis and the table of the OCV; some of the voltages."""
+        if (layout.sizes, layout.voltages) == (self.layout.sizes, self.layout.voltages):
             # Factors are large: unchanged columns are shared, not copied.
             return replace(self, order=None)
-        to_coarser = hats(np.array(self.layout.nodes), nodes)
+        to_coarser = hats(np.array(self.layout.nodes), layout.nodes)
 
         def columns(name: str) -> Columns:
             block = self._block(name)
-            if name not in ("correction", "base") and block.shape[2] == len(to_coarser):
+            if name == "base":
+                block = block[:, [self.layout.voltages.index(number) for number in layout.voltages]]
+            elif name != "correction" and block.shape[2] == len(to_coarser):
                 block = block @ to_coarser
             return block.reshape(len(block), -1)
 
-        kept = [name for name in self.layout.sizes if has_ocv or name != "correction"]
+        kept = [name for name, (count, _) in layout.sizes.items() if count]
         return Reduced(layout, self.scored, np.concatenate([columns(n) for n in kept], axis=1))
 
 
@@ -99,18 +101,21 @@ def reduce_records(
     layout: Layout,
     groups: Sequence[Int[np.ndarray, "simulated"]],
     count: int,
-    voltage_offsets_v: Float[np.ndarray, "simulated voltages"] | None = None,
+    voltage_offsets_v: Sequence[Float[np.ndarray, "simulated voltages"]] | None = None,
 ) -> list[Reduced]:
     """The factor of each of `count` groups of samples; `groups` number those of every record, -1
     for samples that are not scored. The columns of one block of samples are in memory at a time.
-    For a single record, `voltage_offsets_v` are the voltages minus the record's.
+    `voltage_offsets_v` are several voltages minus the record's, for every record.
     """
     order = by_last_change(prepared_records, layout)
     chains: dict[tuple[int, int], Future] = {}
     scored = np.zeros(count, int)
     with threads(CHAINS) as pool:
-        for prepared, group_of_sample in zip(prepared_records, groups, strict=True):
-            for turn, block in enumerate(blocks(prepared, layout, voltage_offsets_v)):
+        offsets_v = voltage_offsets_v or [None] * len(groups)
+        for prepared, group_of_sample, each in zip(
+            prepared_records, groups, offsets_v, strict=True
+        ):
+            for turn, block in enumerate(blocks(prepared, layout, each)):
                 numbers = group_of_sample[block.here]
                 for group in np.unique(numbers[numbers >= 0]).tolist():
                     is_member = numbers == group

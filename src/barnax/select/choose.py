@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -334,15 +335,46 @@ class Bench:
         finest = replace(point, nodes=ladder[-1] if is_finest else ladder[-2])
         key = (point.kind, finest.nodes, point.law)
         if key not in self._finest:
-            settings = self.limits.settings_of(finest, self.settings)
-            records = self.records_of(finest)
-            # Without a correction of the OCV, pairs may be slower.
-            widest = search_ranges(records, replace(settings, ocv_correction=self.limits.has_ocv))
-            self._finest[key] = reduced_objective(records, settings, widest)
+            self._reduce(self._alike(finest))
         settings = self.limits.settings_of(point, self.settings)
         objective = coarsened(self._finest[key], self.records_of(point), settings)
         best = find_best(objective)
         return Fitted(point, objective, best, self._loss(objective, best))
+
+    def _alike(self, point: Point) -> list[Point]:
+        """The point with every kind of hysteresis, if the records prepared for these differ in
+        their voltage source alone; a kind with columns of its own comes first."""
+        if self.limits.has_ocv:
+            return [point]
+        others = (replace(point, circuit=circuit) for circuit in self.limits.richer)
+        kinds = {one.kind: one for one in others} | {point.kind: point}
+        points = sorted(kinds.values(), key=lambda one: not one.has_rate)
+        alike = all(
+            np.array_equal(one.soc, other.soc) and np.array_equal(one.scored, other.scored)
+            for every in zip(*map(self.records_of, points), strict=True)
+            for one, other in pairwise(every)
+        )
+        return points if alike else [point]
+
+    def _reduce(self, points: Sequence[Point]) -> None:
+        """Reduce the records once for points that are alike."""
+        records, settings = (
+            self.records_of(points[0]),
+            self.limits.settings_of(points[0], self.settings),
+        )
+        # Without a correction of the OCV, pairs may be slower.
+        widest = search_ranges(records, replace(settings, ocv_correction=self.limits.has_ocv))
+        offsets_v = [
+            np.column_stack([every[0].source_v - each.source_v for each in every])
+            for every in zip(*map(self.records_of, points), strict=True)
+        ]
+        objective = reduced_objective(records, settings, widest, offsets_v)
+        for number, point in enumerate(points):
+            layout = replace(objective.reduced.layout, voltages=(number,))
+            if not point.has_rate:
+                layout = replace(layout, in_rate=None)
+            reduced = objective.reduced.coarser(layout)
+            self._finest[point.kind, point.nodes, point.law] = replace(objective, reduced=reduced)
 
     def _loss(self, objective: TableObjective, best: Solution) -> HeldOut | None:
         return held_out(objective, best, self._blocks) if self.settings.folds else None

@@ -128,7 +128,7 @@ def test_a_tampered_part_is_refused_under_the_files_name(read, place, value):
         read(put(place, value))
     message = str(caught.value)
     assert "result.json: not a barnax result: " in message
-    assert message.endswith("give the result.json that barnax identify wrote")
+    assert message.endswith("give the folder that barnax identify wrote, or its result.json")
     assert "\n" not in message
 
 

@@ -80,7 +80,7 @@ class Result(Document):
 
     _evaluations: tuple[Evaluations, ...] | None = PrivateAttr(None)
     _inputs: Any = PrivateAttr(None)
-    remedy: ClassVar[str] = "give the result.json that barnax identify wrote"
+    remedy: ClassVar[str] = "give the folder that barnax identify wrote, or its result.json"
 
     def __repr_args__(self) -> Iterable[tuple[str | None, Any]]:
         """The circuit and its error: the whole result would be pages."""

@@ -236,4 +236,4 @@ def _reason(problem: ValidationError | InputError) -> str:
         return str(problem)
     first = problem.errors(include_url=False, include_input=False)[0]
     field = ".".join(str(step) for step in first["loc"]) or "the file"
-    return f"{cut(field, 200)}: {first['msg']}"
+    return f"{cut(field, 200)}: {first['msg'].removeprefix('Value error, ')}"

@@ -380,10 +380,10 @@ class Window:
             given = f"`temperature` {self.temperature_degc:g}"
             raise InputError(f"{given} is no cell's in degC; subtract 273.15 from kelvin")
         ends = self.score_soc
-        if ends is not None and (len(ends) != 2 or not ends[0] < ends[1]):
+        if ends is not None and not (len(ends) == 2 and ends[0] < ends[1] and ends[0] < 1.5):
             given = ",".join(f"{end:g}" for end in ends)
             raise InputError(
-                f"`score_soc` {given}: the lower end comes first, then the upper one, as in 0.1,1"
+                f"`score_soc` {given}: give the lower and the upper end, as fractions, as in 0.1,1"
             )
         from_s, to_s = self.score_from_s, self.score_to_s
         if from_s is not None and to_s is not None and to_s <= from_s:

@@ -53,7 +53,7 @@ def test_a_slow_sweep_is_an_ocv_test_and_nothing_else(tmp_path):
     assert [role.is_usable for role in outcome.roles] == [True, False, False]
     assert "slow discharge, 1.999 Ah" in roles(outcome)["OCV test"].reason
     short = roles(checked(tmp_path, table[:30]))["identification"].reason
-    assert "do not determine R0; 33 % is needed" in short
+    assert "to determine R0; 33 % is needed" in short
 
 
 @pytest.mark.parametrize(("pulses", "serves"), [(1, False), (6, True)])

@@ -124,7 +124,7 @@ def test_what_is_no_file_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("columns", "says"),
     [
-        ("time=Uhr:s", "no column is called 'Uhr:s'"),
+        ("time=Uhr:s", "no column is called 'Uhr'"),
         ("time=Dauer:fortnight", "unknown unit 'fortnight'"),
         ("time=Dauer:none", "unknown unit 'none' of 'Dauer'"),
     ],

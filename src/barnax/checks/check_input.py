@@ -233,10 +233,12 @@ class Traits:
         half_width = self.half_width(is_validated)
         steps = counted(self.steps, "current step")
         if half_width > MAX_HALF_WIDTH:
-            within = f"tell R0 within {100 * half_width:.0f} %"
-            shown = within if half_width < math.inf else "do not determine R0"
             wanted = f"{100 * MAX_HALF_WIDTH:.0f} % is needed without an OCV test"
-            return f"{steps} sampled finely enough {shown}; {wanted}"
+            if not self.steps:
+                return f"no current step is sampled finely enough to determine R0; {wanted}"
+            within = f" only within {100 * half_width:.0f} %" if half_width < math.inf else ""
+            sampled = f"{steps} sampled finely enough"
+            return f"{sampled} {'' if within else 'do not '}determine R0{within}; {wanted}"
         # Without a capacity, an oscillation is recognized by how often it reverses.
         whole_ah = capacity_ah or self.charged_ah + self.discharged_ah
         if self.reach_ah < LEAST_SHARE * whole_ah:

@@ -199,8 +199,8 @@ def _pulse_test(record: Record) -> Record:
     require_voltages([record])
     if first_pulse(record) is None:
         raise InputError(
-            f"{record.name}: has no pulses, of up to 2 min or a quarter of its charge, out of "
-            "rests of at least 5 min; barnax check says what it can be used for"
+            f"{record.name}: has no pulse of up to 2 min, or a quarter of its charge, after a rest "
+            "of at least 5 min; barnax check says what it can be used for"
         )
     return record
 

@@ -144,7 +144,8 @@ def _not_there(header: Header, row: int, file: str) -> Iterator[Notice]:
         quantity, (column, _, unit) = QUANTITY_OF[name], wanted.rpartition(":")
         taken = header.columns.get(name)
         is_missing = name in NEEDED and taken is None
-        values = {"wanted": wanted, "columns": _quoted(header.names)}
+        named = column if column and unit in quantity.units else wanted
+        values = {"wanted": named, "columns": _quoted(header.names)}
         if column and header.named(quantity, column):
             values = {"unit": unit, "column": column, "symbols": _symbols(quantity)}
         needed = "true" if is_missing else None

@@ -53,6 +53,14 @@ def test_a_value_stays_beside_its_interval_and_its_state_of_charge():
     assert line.endswith("30.4 (*)    80.3 to 90.3")
 
 
+def test_columns_below_have_all_that_names_their_row():
+    heads = ["first", "second", *(f"difference {number} [mV]" for number in range(5))]
+    rows = [["ibmo", other, *["-123.456"] * 5] for other in ("varpro", "lm")]
+    lines = lines_of(terminal_table(table_of(heads, rows, heads[:2])), 60)
+    named = [line.split()[:2] for line in lines if "-123.456" in line]
+    assert named == [["ibmo", "varpro"], ["ibmo", "lm"]] * 2
+
+
 def test_a_long_name_breaks_behind_its_separators():
     rows = [["dst_25degC_80soc_SP20-2.parquet", *["1.234"] * 6]]
     table = table_of(["record", *"abcdef"], rows, ["record"])

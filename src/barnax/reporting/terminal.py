@@ -148,7 +148,7 @@ class _Whole:
     """A table of which no character is ever cut, however narrow the terminal.
 
     Texts continue on the next line. If numbers are still wider than the terminal, the further
-    columns come below, again next to the first one.
+    columns come below, again next to the texts before the first number.
     """
 
     def __init__(self, table: ReportTable):
@@ -156,6 +156,8 @@ class _Whole:
         # A line between columns is as wide as a space.
         self.pad, self.lines = (2, 0) if table.is_bare else (1, 1)
         self.are_numbers = [column.role == "number" for column in table.columns]
+        # Columns that name a row: those before the first number.
+        self.named = max(1, self.are_numbers.index(True)) if any(self.are_numbers) else 1
         self.heads = [_head(column, table.is_bare) for column in table.columns]
         columns = [*zip(self.heads, *table.rows, strict=True)]
         # Column widths without wrapping, and those below which they would be cut.
@@ -173,27 +175,27 @@ class _Whole:
         if self.lines and len(closer := self._columns(width, 0)) < len(parts):
             pad, parts = 0, closer
         for part in parts:
-            yield self._drawn(part, width, pad)
+            yield self._drawn(part, width, pad, is_first=part is parts[0])
 
     def _width(self, widths: Collection[int], pad: int) -> int:
         """The width of columns with everything between and around them."""
         return sum(widths) + (pad + self.lines) * len(widths) - pad + self.lines
 
     def _columns(self, width: int, pad: int) -> list[list[int]]:
-        """The groups of columns that fit side by side, each after the first column."""
+        """The groups of columns that fit side by side, each after those that name a row."""
         count = len(self.heads)
-        firsts = [index for index in range(1, count) if index not in self.table.joined]
-        parts: list[list[int]] = [[0]]
+        firsts = [index for index in range(self.named, count) if index not in self.table.joined]
+        parts: list[list[int]] = [[*range(self.named)]]
         for ends in pairwise([*firsts, count]):
             wanted = [*parts[-1], *range(*ends)]
             taken = self._width([self.least[index] for index in wanted], pad)
-            if len(parts[-1]) > 1 and taken > width:
-                parts.append([0, *range(*ends)])
+            if len(parts[-1]) > self.named and taken > width:
+                parts.append([*range(self.named), *range(*ends)])
             else:
                 parts[-1] = wanted
         return parts
 
-    def _drawn(self, part: list[int], width: int, pad: int) -> Shown:
+    def _drawn(self, part: list[int], width: int, pad: int, is_first: bool) -> Shown:
         widths = {index: self.most[index] for index in part}
         while self._width(widths.values(), pad) > width:
             loose = [index for index in part if widths[index] > self.least[index]]
@@ -208,7 +210,7 @@ class _Whole:
             shown.add_column(lines, justify=justify, no_wrap=True, width=widths[index])
         for number, row in enumerate(self.table.rows):
             # Some rows have nothing in a part below.
-            if part[:2] == [0, 1] or any(row[index] for index in part[1:]):
+            if is_first or any(row[index] for index in part[self.named :]):
                 cells = ("\n".join(_wrapped(row[index], widths[index])) for index in part)
                 styles = ("bold" * ((number, index) in self.table.best) for index in part)
                 shown.add_row(*map(Text, cells, styles))

@@ -48,7 +48,9 @@ def test_json_reproduces_the_metrics_of_the_result_exactly(run, stored, tmp_path
     # With another start too, which is told of records to validate on alone.
     moved = dict.fromkeys(("registered [V]", "start_moved_soc"))
     assert json.loads(outcome.out) | moved == metrics["identification"]
-    assert "warning: identification.parquet: the circuit was identified on this record" in outcome.err
+    assert (
+        "warning: identification.parquet: the circuit was identified on this record" in outcome.err
+    )
     assert "validate on another record" in outcome.err
 
 

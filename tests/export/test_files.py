@@ -22,6 +22,7 @@ from helpers.results import (
     PAIRS_OF,
     TABLE_OHM,
     TABLE_TAU_S,
+    WITH_GAMMA,
     make_result,
     make_table_result,
 )
@@ -49,7 +50,7 @@ def test_a_header_has_every_number_of_the_result_and_may_be_included_twice(tmp_p
     if tables.hysteresis is not None:
         expected["hysteresis_soc"] = tables.hysteresis.soc
         expected["hysteresis_v"] = tables.hysteresis.voltage_v
-    if circuit == "esc":
+    if circuit in WITH_GAMMA:
         expected["gamma"] = GAMMA
     assert numbers.keys() == expected.keys()
     for name, values in expected.items():
@@ -139,12 +140,12 @@ def test_csv_gives_the_circuit_back_as_it_was_identified(circuit):
     assert {unit for _, unit in rows.values()} == {"Ohm", "F", "s", "A", "A.h", "V", "1"}
     expected = {"R0": (0.0511, "Ohm"), "capacity": (2.0, "A.h"), "initial SOC": (0.9, "1")}
     expected |= {"rest current": (0.035, "A")} | (
-        {"gamma": (GAMMA, "1")} if circuit == "esc" else {}
+        {"gamma": (GAMMA, "1")} if circuit in WITH_GAMMA else {}
     )
     for k, (r, c) in enumerate(PAIRS[: PAIRS_OF[circuit]], start=1):
         expected |= {f"R{k}": (r, "Ohm"), f"C{k}": (c, "F"), f"tau{k}": (r * c, "s")}
     assert expected.items() <= rows.items()
-    assert ("gamma" in rows) == (circuit == "esc")
+    assert ("gamma" in rows) == (circuit in WITH_GAMMA)
 
 
 @pytest.mark.parametrize("circuit", ["so-rc", "esc"])
@@ -173,12 +174,12 @@ def test_json_and_csv_hold_every_value_of_tables(circuit):
     for number, values in enumerate(TABLE_OHM):
         assert actual["resistances"][f"R{number} [Ohm]"] == list(values)
     assert actual["tau [s]"] == list(TABLE_TAU_S)
-    assert actual["gamma"] == (GAMMA if circuit == "esc" else None)
+    assert actual["gamma"] == (GAMMA if circuit in WITH_GAMMA else None)
     assert actual["temperature [degC]"] == 31.0
     assert (actual["W"] is None) == (circuit == "so-rc")
     assert rows["R0(0.1)"] == (TABLE_OHM[0][2], "Ohm")
     assert rows["R2(-0.05)"] == (TABLE_OHM[2][0], "Ohm")
-    assert ("gamma" in rows) == (circuit == "esc")
+    assert ("gamma" in rows) == (circuit in WITH_GAMMA)
     assert "R0" not in rows
 
 

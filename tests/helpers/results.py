@@ -29,6 +29,8 @@ CIRCUIT = CircuitParameters.constant(r0=0.05, r=(0.01, 0.02), c=(1000.0, 5000.0)
 CAPACITY_AH = 2.0
 PAIRS = ((0.0123, 812.5), (0.0211, 4321.0), (0.0075, 60000.0), (0.004, 1e6))
 PAIRS_OF = {"so-rc": 2, "iso-rc": 2, "esc": 2, "1rc": 1, "3rc": 3, "4rc": 4, "takacs": 2}
+# Those with a dynamic hysteresis.
+WITH_GAMMA = ("esc",)
 # Those that curves over SOC say whole.
 CIRCUITS = tuple(name for name in PAIRS_OF if get_circuit(name).hysteresis.kind != "loops")
 GAMMA = 87.25
@@ -128,7 +130,7 @@ def make_result(
     parameters = {"R0 [Ohm]": 0.0511}
     for pair, (r, c) in enumerate(PAIRS[: PAIRS_OF[model]], start=1):
         parameters |= {f"R{pair} [Ohm]": r, f"C{pair} [F]": c}
-    if model == "esc":
+    if model in WITH_GAMMA:
         parameters["gamma"] = GAMMA
     metrics = metrics_of(record=record, rmse_v=0.0232)
     bands = tuple(Band(low, low + 0.1, 9, 0.02, 0.0, 0.1) for low in (0.1, 0.4, 0.8))
@@ -189,7 +191,7 @@ def make_fit(circuit: str = "so-rc") -> TableFit:
         r0_ohm=TABLE_OHM[0],
         r_ohm=TABLE_OHM[1:],
         ocv_correction_v=CORRECTION_V,
-        gamma=GAMMA if circuit == "esc" else None,
+        gamma=GAMMA if circuit in WITH_GAMMA else None,
         visited=visited,
     )
     intervals = tuple(

@@ -182,11 +182,6 @@ def warnings_about(
         if check.traits and not any(finding.check == "temperature" for finding in check.findings):
             degc[is_test].append((check.file, check.traits.temperature_degc))
     require_load(kinds)
-    if not cell.ocv_is_fitted:
-        reason = "it is an OCV test; repeat `ocv` before every file of the OCV"
-        unfit = {"role": "identification", "reason": reason}
-        tests = [file for file, kind in kinds.items() if kind == "OCV test"]
-        warnings += [Notice("role.unfit", unfit, file) for file in tests if len(kinds) > 1]
     # A charge with a record under load is there for the other direction.
     warnings = [
         warning

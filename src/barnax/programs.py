@@ -43,6 +43,8 @@ VARIABLES, FLAGS = ("EQX_", "JAX_"), ("XLA_", "TF_XLA_", "PJRT_", "NPROC")
 PROCESSOR = re.compile(
     r"^(?:vendor_id|cpu family|model|stepping|flags|CPU \w+|Features)\s*:.*", re.M
 )
+# Values with which JAX's variables switch something off.
+OFF = ("0", "f", "false", "n", "no", "off")
 DIGEST_BYTES = hashlib.sha256().digest_size
 
 _source: str | None = None
@@ -124,7 +126,7 @@ def _path_of(function: Callable[..., Any], arguments: Sequence[Any]) -> Path | N
     import jaxlib
 
     settings: Any = jax.config
-    cache = settings.jax_enable_compilation_cache and settings.jax_compilation_cache_dir
+    cache = settings.jax_compilation_cache_dir if settings.jax_enable_compilation_cache else None
     folder, has_flags = _folder_in(cache), any(name.startswith(FLAGS) for name in os.environ)
     if folder is None or has_flags:
         return None
@@ -149,17 +151,17 @@ def _path_of(function: Callable[..., Any], arguments: Sequence[Any]) -> Path | N
 
 def template_file(key: str) -> Path | None:
     """The file of a template's bytecode; None if templates are not kept."""
-    is_on = os.environ.get("JAX_ENABLE_COMPILATION_CACHE", "1").lower() not in ("0", "false")
-    folder = _folder_in(is_on and os.environ.get("JAX_COMPILATION_CACHE_DIR"))
+    is_off = os.environ.get("JAX_ENABLE_COMPILATION_CACHE", "1").lower() in OFF
+    folder = _folder_in(None if is_off else os.environ.get("JAX_COMPILATION_CACHE_DIR"))
     return folder and _file_in(folder, (_source, sys.version, key))
 
 
-def _folder_in(cache: str | bool | None) -> Path | None:
+def _folder_in(cache: str | None) -> Path | None:
     """The folder of programs in JAX's cache; None if none are kept, as at an address."""
-    if _source is None or not isinstance(cache, str) or "://" in cache:
+    if _source is None or not cache or "://" in cache:
         return None
     folder = Path(cache) / FOLDER
-    return folder if cache and _is_ready(folder) else None
+    return folder if _is_ready(folder) else None
 
 
 def _file_in(folder: Path, made_from: tuple[Any, ...]) -> Path:

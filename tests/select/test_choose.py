@@ -9,6 +9,7 @@ import pytest
 
 from barnax import TableSettings, Window
 from barnax.cell.parameters import ANYWHERE
+from barnax.errors import InputError
 from barnax.fit.cross_validation import HeldOut
 from barnax.fit.table_problem import coarsened, find_best, reduced_objective
 from barnax.model.prepared import prepare_record
@@ -126,6 +127,32 @@ def test_what_is_asked_for_is_not_chosen(cell):
     assert (alone.chosen.loss, len(alone.tried)) == (None, 1)
 
 
+@pytest.mark.parametrize(("folds", "wanted"), [(0, {"so-rc"}), (10, {"1rc", "esc", "iso-rc"})])
+def test_a_kind_is_prepared_by_its_first_circuit_and_only_if_circuits_are_compared(folds, wanted):
+    gapped = cell_with_ocv(CAPACITY_AH, 0.02)
+    prepare, asked = driven(gapped, (8.0, 150.0), (0.01, 0.02)), set()
+
+    def noted(circuit):
+        asked.add(circuit)
+        return prepare(circuit)
+
+    settings = TableSettings(folds=folds)
+    choose(noted, settings, limits_of(gapped, settings))
+    assert asked == wanted
+
+
+def test_a_kind_that_the_records_are_too_short_for_is_not_reduced(cell):
+    prepare = driven(cell, (8.0, 150.0), (0.01, 0.02))
+
+    def short(circuit):
+        if circuit == "esc":
+            raise InputError("too few samples")
+        return prepare(circuit)
+
+    limits = Subfamily("so-rc", richer={"so-rc": {"pairs": "3rc"}, "esc": {}})
+    assert choose(short, TableSettings(), limits).chosen.point.circuit == "so-rc"
+
+
 @pytest.mark.parametrize("nodes", [NODE_LADDER[0], NODE_LADDER[2]])
 def test_a_coarser_circuit_from_a_finer_reduction_is_the_one_reduced_for_it(cell, nodes):
     (prepared,) = driven(cell, (8.0, 150.0), (0.01, 0.02), bend=0.02)("so-rc")
@@ -138,6 +165,15 @@ def test_a_coarser_circuit_from_a_finer_reduction_is_the_one_reduced_for_it(cell
         one, other = (of.solve(tuple(log_scales), exact=True) for of in (coarse, alone))
         assert one.objective_v2 == pytest.approx(other.objective_v2, rel=1e-9)
     assert find_best(coarse).rms_v >= find_best(finest).rms_v * (1 - 1e-3) or len(nodes) == 1
+
+
+def test_one_node_is_where_it_was_asked_for(cell):
+    (prepared,) = driven(cell, (8.0, 150.0), (0.01, 0.02))("so-rc")
+    anywhere = TableSettings(nodes=ANYWHERE, ocv_correction=False)
+    coarse = coarsened(
+        reduced_objective([prepared], anywhere), [prepared], replace(anywhere, nodes=(0.3,))
+    )
+    assert coarse.reduced.layout.nodes == (0.3,)
 
 
 def test_rungs_add_one_thing_and_lead_back():

@@ -78,7 +78,9 @@ class Reduced:
         """The factor of a circuit with a part of these columns: resistances at a subset of the
         nodes, or with one value at every SOC, for coarser hats are sums of finer ones; with or
         without the dynamic hysteresis and the table of the OCV; some of the voltages."""
-        if (layout.sizes, layout.voltages) == (self.layout.sizes, self.layout.voltages):
+        if all(
+            getattr(layout, n) == getattr(self.layout, n) for n in ("nodes", "sizes", "voltages")
+        ):
             # Factors are large: unchanged columns are shared, not copied.
             return replace(self, order=None)
         to_coarser = hats(np.array(self.layout.nodes), layout.nodes)

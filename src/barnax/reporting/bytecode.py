@@ -10,7 +10,7 @@ from .. import programs
 
 
 class KeptTemplates(BytecodeCache):
-    """The bytecode of templates, beside the kept programs and under the same conditions."""
+    """The bytecode of templates, beside the kept programs, of the same source and as private."""
 
     def load_bytecode(self, bucket: Bucket) -> None:
         path = programs.template_file(bucket.key)

@@ -13,6 +13,7 @@ from jaxtyping import Int
 from ..cell import Dependence
 from ..cell.elements import is_resistance
 from ..cell.parameters import OHMIC
+from ..errors import InputError, attempt
 from ..execution import in_float64
 from ..fit.cross_validation import HeldOut, SocErrors, held_out
 from ..fit.dependence import laws_for, propose
@@ -344,14 +345,18 @@ class Bench:
     def _alike(self, point: Point) -> list[Point]:
         """The point with every kind of hysteresis, if the records prepared for these differ in
         their voltage source alone; a kind with columns of its own comes first."""
-        if self.limits.has_ocv:
+        if self.limits.has_ocv or not self.settings.folds:
             return [point]
-        others = (replace(point, circuit=circuit) for circuit in self.limits.richer)
+        # The first circuit of a kind asks for the fewest samples.
+        others = (replace(point, circuit=circuit) for circuit in reversed([*self.limits.richer]))
         kinds = {one.kind: one for one in others} | {point.kind: point}
         points = sorted(kinds.values(), key=lambda one: not one.has_rate)
+        prepared = [attempt(self.records_of, one) for one in points]
+        if any(isinstance(records, InputError) for records in prepared):
+            return [point]
         alike = all(
             np.array_equal(one.soc, other.soc) and np.array_equal(one.scored, other.scored)
-            for every in zip(*map(self.records_of, points), strict=True)
+            for every in zip(*prepared, strict=True)
             for one, other in pairwise(every)
         )
         return points if alike else [point]
